@@ -1,0 +1,39 @@
+//! Linear RGB: the three channels in which light is transported.
+
+/// Linear RGB with Rec. 709 primaries. Radiance, exitance, irradiance or reflectance; the name of
+/// the variable says which.
+pub type Rgb = glam::Vec3;
+
+/// [`Rgb`] in double precision, for sums.
+pub type Rgb64 = glam::DVec3;
+
+/// Relative luminance of Rec. 709 primaries (ITU-R BT.709).
+pub fn luminance(color: Rgb) -> f32 {
+    color.dot(Rgb::new(0.2126, 0.7152, 0.0722))
+}
+
+/// The sRGB transfer function (IEC 61966-2-1): linear [0, 1] to encoded [0, 1]. Clamps; NaN is 0.
+pub fn srgb_encode(linear: f32) -> f32 {
+    let x = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_meets_its_published_values() {
+        assert_eq!(srgb_encode(0.0), 0.0);
+        assert!((srgb_encode(1.0) - 1.0).abs() < 1e-6);
+        // Middle grey: linear 0.2140 is encoded as 0.5.
+        assert!((srgb_encode(0.214_041_14) - 0.5).abs() < 1e-4);
+        assert_eq!(srgb_encode(7.0), srgb_encode(1.0));
+        assert_eq!(srgb_encode(f32::NAN), 0.0);
+    }
+
+    #[test]
+    fn white_has_luminance_one() {
+        assert!((luminance(Rgb::ONE) - 1.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,108 @@
+//! What can go wrong, told so that the reader can mend it: where, why, and what to do.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// A failure of the user's input or surroundings: `file:line: cause`, then the remedy.
+///
+/// A miss of a ray is `None` and a bug is a panic; only what a user can mend becomes an `Error`.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub struct Error {
+    file: Option<PathBuf>,
+    line: Option<usize>,
+    cause: String,
+    remedy: Option<String>,
+}
+
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// A failure that concerns no file in particular.
+    pub fn new(cause: impl Into<String>) -> Self {
+        Error { file: None, line: None, cause: cause.into(), remedy: None }
+    }
+
+    /// An operating system's refusal to read or write `file`.
+    pub fn io(file: &Path, doing: &str, error: &std::io::Error) -> Self {
+        Error::new(format!("cannot {doing}: {error}")).in_file(file)
+    }
+
+    pub fn in_file(mut self, file: &Path) -> Self {
+        self.file = Some(file.to_path_buf());
+        self
+    }
+
+    /// `line` counts from 1.
+    pub fn at_line(mut self, line: usize) -> Self {
+        self.line = Some(line);
+        self
+    }
+
+    /// What the user can do about it, as an imperative sentence without a full stop.
+    pub fn remedy(mut self, remedy: impl Into<String>) -> Self {
+        self.remedy = Some(remedy.into());
+        self
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_place(f, self.file.as_deref(), self.line)?;
+        f.write_str(&self.cause)?;
+        match &self.remedy {
+            Some(remedy) => write!(f, "\n  help: {remedy}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Something that was put right by a stated default: reported, never fatal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Warning {
+    pub file: Option<PathBuf>,
+    pub line: Option<usize>,
+    pub text: String,
+}
+
+impl Warning {
+    pub fn new(text: impl Into<String>) -> Self {
+        Warning { file: None, line: None, text: text.into() }
+    }
+
+    pub fn in_file(file: &Path, line: Option<usize>, text: impl Into<String>) -> Self {
+        Warning { file: Some(file.to_path_buf()), line, text: text.into() }
+    }
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_place(f, self.file.as_deref(), self.line)?;
+        f.write_str(&self.text)
+    }
+}
+
+fn write_place(f: &mut fmt::Formatter<'_>, file: Option<&Path>, line: Option<usize>) -> fmt::Result {
+    match (file, line) {
+        (Some(file), Some(line)) => write!(f, "{}:{line}: ", file.display()),
+        (Some(file), None) => write!(f, "{}: ", file.display()),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_reads_place_cause_remedy() {
+        let error = Error::new("a face needs 3 vertices, this one has 2")
+            .in_file(Path::new("room.obj"))
+            .at_line(7)
+            .remedy("delete the line or complete the face");
+        assert_eq!(
+            error.to_string(),
+            "room.obj:7: a face needs 3 vertices, this one has 2\n  \
+             help: delete the line or complete the face"
+        );
+    }
+}

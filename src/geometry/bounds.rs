@@ -1,0 +1,32 @@
+//! Axis-aligned bounding boxes.
+
+use glam::Vec3;
+
+/// A closed axis-aligned box; empty when `min` exceeds `max`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    pub min: Vec3,
+    pub max: Vec3,
+}
+
+impl Bounds {
+    pub const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    pub fn including(self, point: Vec3) -> Bounds {
+        Bounds { min: self.min.min(point), max: self.max.max(point) }
+    }
+
+    pub fn center(&self) -> Vec3 {
+        0.5 * self.min + 0.5 * self.max
+    }
+
+    pub fn diagonal(&self) -> Vec3 {
+        self.max - self.min
+    }
+}
+
+impl FromIterator<Vec3> for Bounds {
+    fn from_iter<I: IntoIterator<Item = Vec3>>(points: I) -> Self {
+        points.into_iter().fold(Bounds::EMPTY, Bounds::including)
+    }
+}

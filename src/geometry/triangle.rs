@@ -1,0 +1,97 @@
+//! A triangle of the scene.
+
+use super::bounds::Bounds;
+use glam::{DVec3, Vec3};
+
+/// Index into [`Scene::triangles`](crate::scene::Scene::triangles).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TriangleId(pub u32);
+
+impl TriangleId {
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// Three vertices, counter-clockwise seen from the front.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Triangle {
+    pub p: [Vec3; 3],
+}
+
+impl Triangle {
+    pub fn new(p0: Vec3, p1: Vec3, p2: Vec3) -> Self {
+        Triangle { p: [p0, p1, p2] }
+    }
+
+    /// The edges from p₀ to p₁ and to p₂, as every kernel uses them.
+    pub fn edges(&self) -> (Vec3, Vec3) {
+        (self.p[1] - self.p[0], self.p[2] - self.p[0])
+    }
+
+    /// The point with barycentrics (1 − u − v, u, v).
+    pub fn at(&self, u: f32, v: f32) -> Vec3 {
+        let (e1, e2) = self.edges();
+        self.p[0] + e1 * u + e2 * v
+    }
+
+    /// The front's normal with the doubled area as length, in double precision.
+    pub fn double_area_normal(&self) -> DVec3 {
+        let [p0, p1, p2] = self.p.map(|p| p.as_dvec3());
+        (p1 - p0).cross(p2 - p0)
+    }
+
+    pub fn area(&self) -> f64 {
+        0.5 * self.double_area_normal().length()
+    }
+
+    /// The front's unit normal. Zero for a triangle without area.
+    pub fn normal(&self) -> Vec3 {
+        self.double_area_normal().normalize_or_zero().as_vec3()
+    }
+
+    pub fn centroid(&self) -> Vec3 {
+        self.at(1.0 / 3.0, 1.0 / 3.0)
+    }
+
+    pub fn longest_edge(&self) -> f64 {
+        let [p0, p1, p2] = self.p.map(|p| p.as_dvec3());
+        p0.distance(p1).max(p1.distance(p2)).max(p2.distance(p0))
+    }
+
+    pub fn bounds(&self) -> Bounds {
+        self.p.iter().copied().collect()
+    }
+
+    /// How far above the surface a ray must start so that it cannot hit the triangle it leaves.
+    ///
+    /// With ε = 2⁻²⁴ and M the largest coordinate, [`Triangle::at`] rounds each coordinate by at
+    /// most 15 εM (edges up to 2M, five roundings), so the point lies within √3·15 εM < 26 εM of
+    /// the plane; adding the offset rounds by 2 εM more and a kernel's own subtraction of p₀ by
+    /// 4 εM. 64 εM covers the sum twice. It scales with the scene: no absolute epsilon.
+    pub fn ray_offset(&self) -> f32 {
+        let largest = self.p.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        largest * (64.0 * f32::EPSILON / 2.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_right_triangle_has_half_its_legs_product_as_area() {
+        let t = Triangle::new(Vec3::ZERO, Vec3::X * 3.0, Vec3::Y * 4.0);
+        assert_eq!(t.area(), 6.0);
+        assert_eq!(t.normal(), Vec3::Z);
+        assert_eq!(t.longest_edge(), 5.0);
+    }
+
+    #[test]
+    fn barycentrics_reach_the_vertices() {
+        let t = Triangle::new(Vec3::ONE, Vec3::X * 3.0, Vec3::Y * 4.0);
+        assert_eq!(t.at(0.0, 0.0), t.p[0]);
+        assert_eq!(t.at(1.0, 0.0), t.p[1]);
+        assert_eq!(t.at(0.0, 1.0), t.p[2]);
+    }
+}

@@ -1,0 +1,5 @@
+pub mod bvh;
+pub mod color;
+pub mod error;
+pub mod geometry;
+pub mod sampling;
