@@ -32,6 +32,11 @@ impl Error {
         self
     }
 
+    /// Says which input the failure concerns, where nothing more exact is known.
+    pub fn in_file_if_none(self, file: &Path) -> Self {
+        if self.file.is_some() { self } else { self.in_file(file) }
+    }
+
     /// `line` counts from 1.
     pub fn at_line(mut self, line: usize) -> Self {
         self.line = Some(line);

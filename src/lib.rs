@@ -1,5 +1,14 @@
 pub mod bvh;
+pub mod cli;
 pub mod color;
 pub mod error;
+pub mod export;
+pub mod form_factor;
 pub mod geometry;
+pub mod memory;
+pub mod patches;
+pub mod radiosity;
+pub mod render;
 pub mod sampling;
+pub mod scene;
+pub mod solver;

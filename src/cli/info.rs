@@ -1,0 +1,73 @@
+//! `isolux info`: what is in a scene.
+
+use super::{say, warn};
+use crate::error::Result;
+use crate::scene::inspect::Inspection;
+use crate::scene::{Description, Scene};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Count what is in a scene: triangles, materials, emitters, and what is wrong with the mesh.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A scene description (.toml) or a model (.obj)
+    scene: PathBuf,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let description = Description::load(&arguments.scene)?;
+    let scene = Scene::load(&description)?;
+    warn(&scene.warnings);
+    say(&describe(&description.title, &scene));
+    Ok(())
+}
+
+fn describe(title: &str, scene: &Scene) -> String {
+    let facts = Inspection::of(scene);
+    let bounds = facts.bounds;
+    let closed = if facts.open_edges == 0 { " (closed)" } else { "" };
+    let mut text = format!(
+        "{title}\n\
+         \x20 triangles   {} ({} degenerate left out, {} duplicates)\n\
+         \x20 vertices    {}\n\
+         \x20 open edges  {}{closed}\n\
+         \x20 area        {:.6} square units, {:.6} m²\n\
+         \x20 bounds      {} to {}\n\
+         \x20 emitters    {} triangles\n",
+        facts.triangles,
+        facts.degenerate,
+        facts.duplicates,
+        facts.vertices,
+        facts.open_edges,
+        facts.area,
+        facts.area * scene.metres_per_unit.powi(2),
+        bounds.min,
+        bounds.max,
+        facts.emitting_triangles(),
+    );
+    let width = scene.materials.iter().map(|m| m.name.chars().count()).max().unwrap_or(0).max(8);
+    let _ = writeln!(
+        text,
+        "\n  {:width$}  {:>9}  {:>12}  {:22}  {:22}  power (W)",
+        "material", "triangles", "area", "reflectance", "radiance"
+    );
+    for (material, used) in scene.materials.iter().zip(&facts.materials) {
+        let sides = if material.two_sided { "  two-sided" } else { "" };
+        let _ = writeln!(
+            text,
+            "  {:width$}  {:>9}  {:>12.4}  {:22}  {:22}  {}{sides}",
+            material.name,
+            used.triangles,
+            used.area,
+            channels(material.reflectance.as_dvec3()),
+            channels(material.radiance.as_dvec3()),
+            channels(used.power),
+        );
+    }
+    text
+}
+
+fn channels(rgb: crate::color::Rgb64) -> String {
+    let short = |x: f64| if x == 0.0 { "0".to_string() } else { format!("{x:.4}") };
+    format!("{} {} {}", short(rgb.x), short(rgb.y), short(rgb.z))
+}

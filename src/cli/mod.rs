@@ -1,0 +1,55 @@
+//! The command line: one file per subcommand.
+
+mod info;
+mod progress;
+mod render;
+mod report;
+
+use clap::{Parser, Subcommand};
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Radiosity on triangle meshes: pictures of diffuse scenes whose light is solved, not guessed.
+#[derive(Parser)]
+#[command(name = "isolux", version, about, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Render(render::Arguments),
+    Info(info::Arguments),
+}
+
+/// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input.
+pub fn run() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            complain(&format!("error: {error}\n"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Prints to standard output. A reader that has closed it (`| head`) is no failure of ours.
+fn say(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+/// Prints to standard error.
+fn complain(text: &str) {
+    let _ = std::io::stderr().write_all(text.as_bytes());
+}
+
+fn warn(warnings: &[crate::error::Warning]) {
+    for warning in warnings {
+        complain(&format!("warning: {warning}\n"));
+    }
+}

@@ -1,0 +1,132 @@
+//! What a run did: a few lines for people, a JSON file for programs.
+
+use crate::color::Rgb64;
+use crate::radiosity::Energy;
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// The facts of one run. Times in seconds, energies per channel in watts, defects raw.
+#[derive(Serialize)]
+pub struct Report {
+    pub scene: String,
+    pub triangles: usize,
+    pub patches: usize,
+    /// Edges of the mesh with a triangle on one side only; through them light escapes.
+    pub open_edges: usize,
+    pub rays: u64,
+    pub transport_rays: u64,
+    /// `null` where the system does not tell.
+    pub peak_memory_bytes: Option<u64>,
+    pub seconds: Seconds,
+    /// The relative residual after each iteration.
+    pub residuals: Vec<f64>,
+    /// The largest |Σ_j F_ij − 1|.
+    pub row_sum_defect: f64,
+    /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `null` where no matrix was stored.
+    pub reciprocity_defect: Option<f64>,
+    pub energy: EnergyBalance,
+    pub exposure: f32,
+    pub files: Vec<PathBuf>,
+    #[serde(skip)]
+    pub automatic_exposure: bool,
+}
+
+#[derive(Serialize, Default)]
+pub struct Seconds {
+    pub load: f64,
+    pub build: f64,
+    pub transport: f64,
+    pub solve: f64,
+    pub render: f64,
+    pub total: f64,
+}
+
+#[derive(Serialize)]
+pub struct EnergyBalance {
+    emitted: [f64; 3],
+    absorbed: [f64; 3],
+    escaped: [f64; 3],
+}
+
+impl From<Energy> for EnergyBalance {
+    fn from(energy: Energy) -> Self {
+        EnergyBalance {
+            emitted: energy.emitted.to_array(),
+            absorbed: energy.absorbed.to_array(),
+            escaped: energy.escaped.to_array(),
+        }
+    }
+}
+
+impl Report {
+    pub fn to_json(&self) -> Vec<u8> {
+        let mut text = serde_json::to_string_pretty(self).expect("plain numbers and strings");
+        text.push('\n');
+        text.into_bytes()
+    }
+
+    /// The few lines that end a run.
+    pub fn to_text(&self) -> String {
+        let s = &self.seconds;
+        let mut text = format!("{}\n", self.scene);
+        let mut line = |name: &str, value: String| {
+            let _ = writeln!(text, "  {name:<13} {value}");
+        };
+        line("mesh", format!("{} triangles, {} patches", self.triangles, self.patches));
+        line(
+            "solution",
+            format!(
+                "residual {:.1e} after {} iterations",
+                self.residuals.last().copied().unwrap_or(f64::NAN),
+                self.residuals.len()
+            ),
+        );
+        let reciprocity = match self.reciprocity_defect {
+            Some(defect) => format!("{defect:.2e}"),
+            None => "not measured (no matrix)".into(),
+        };
+        let open = match self.open_edges {
+            0 => String::new(),
+            edges => format!(" (the mesh is open at {edges} edges)"),
+        };
+        line(
+            "defects",
+            format!("row sum {:.2e}{open}, reciprocity {reciprocity}", self.row_sum_defect),
+        );
+        line("emitted", watts(self.energy.emitted));
+        line("absorbed", watts(self.energy.absorbed));
+        line("escaped", watts(self.energy.escaped));
+        line(
+            "rays",
+            format!(
+                "{:.1} M in {:.2} s of tracing and shading, {:.1} M/s",
+                self.rays as f64 * 1e-6,
+                s.transport + s.render,
+                self.rays as f64 * 1e-6 / (s.transport + s.render)
+            ),
+        );
+        line(
+            "seconds",
+            format!(
+                "load {:.3}, build {:.3}, transport {:.3}, solve {:.3}, render {:.3}, total {:.3}",
+                s.load, s.build, s.transport, s.solve, s.render, s.total
+            ),
+        );
+        if let Some(bytes) = self.peak_memory_bytes {
+            line("peak memory", indicatif::BinaryBytes(bytes).to_string());
+        }
+        let how = if self.automatic_exposure { " (automatic)" } else { "" };
+        line("exposure", format!("{:.4}{how}", self.exposure));
+        for file in &self.files {
+            line("wrote", file.display().to_string());
+        }
+        text
+    }
+}
+
+fn watts(power: [f64; 3]) -> String {
+    let [r, g, b] = power;
+    let mean = Rgb64::from(power).element_sum() / 3.0;
+    format!("{r:.6} {g:.6} {b:.6} W (mean {mean:.6})")
+}

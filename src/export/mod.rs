@@ -1,0 +1,4 @@
+//! Files: whole or not at all.
+
+pub mod file;
+pub mod picture;

@@ -1,0 +1,114 @@
+//! Pictures in the formats that people open: PNG for the eye, EXR and HDR for numbers.
+
+use crate::error::{Error, Result};
+use crate::render::{Image, tone};
+use image::codecs::hdr::HdrEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, ImageFormat, Rgb32FImage};
+use std::io::Cursor;
+use std::path::Path;
+
+/// A file format, told by the file's ending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// 8-bit sRGB after an exposure.
+    Png,
+    /// Linear radiance, 32-bit float.
+    Exr,
+    /// Linear radiance, Radiance's shared exponent (about 1 % steps).
+    Hdr,
+}
+
+impl Format {
+    /// # Errors
+    /// An ending that nobody writes.
+    pub fn of(path: &Path) -> Result<Format> {
+        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        match ending.as_deref() {
+            Some("png") => Ok(Format::Png),
+            Some("exr") => Ok(Format::Exr),
+            Some("hdr") => Ok(Format::Hdr),
+            _ => Err(Error::new("no picture format has this ending")
+                .in_file(path)
+                .remedy("use .png (sRGB), .exr or .hdr (linear radiance)")),
+        }
+    }
+
+    /// The file's bytes. `exposure` concerns PNG alone.
+    ///
+    /// # Errors
+    /// What the encoder refuses.
+    pub fn encode(self, image: &Image, exposure: f32) -> Result<Vec<u8>> {
+        let (width, height) = (image.width, image.height);
+        let mut bytes = Cursor::new(Vec::new());
+        let encoded = match self {
+            Format::Png => {
+                let quality = (CompressionType::Fast, FilterType::Adaptive);
+                PngEncoder::new_with_quality(&mut bytes, quality.0, quality.1).write_image(
+                    &tone::to_srgb(image, exposure),
+                    width,
+                    height,
+                    ExtendedColorType::Rgb8,
+                )
+            }
+            Format::Exr => {
+                let values = image.pixels.iter().flat_map(|p| p.to_array()).collect();
+                Rgb32FImage::from_raw(width, height, values)
+                    .expect("three values a pixel")
+                    .write_to(&mut bytes, ImageFormat::OpenExr)
+            }
+            Format::Hdr => {
+                let values: Vec<_> =
+                    image.pixels.iter().map(|p| image::Rgb(p.to_array())).collect();
+                HdrEncoder::new(&mut bytes).encode(&values, width as usize, height as usize)
+            }
+        };
+        encoded.map_err(|e| Error::new(format!("cannot encode the picture: {e}")))?;
+        Ok(bytes.into_inner())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::color::Rgb;
+
+    fn image() -> Image {
+        let pixels = (0..6).map(|i| Rgb::new(i as f32, 0.5, 4.0 - 0.5 * i as f32)).collect();
+        Image { width: 3, height: 2, pixels }
+    }
+
+    #[test]
+    fn exr_keeps_every_bit() {
+        let bytes = Format::Exr.encode(&image(), 9.0).unwrap();
+        let read = image::load_from_memory_with_format(&bytes, ImageFormat::OpenExr).unwrap();
+        let values: Vec<f32> = image().pixels.iter().flat_map(|p| p.to_array()).collect();
+        assert_eq!(read.into_rgb32f().into_raw(), values);
+    }
+
+    #[test]
+    fn hdr_keeps_one_percent_of_the_largest_channel() {
+        let bytes = Format::Hdr.encode(&image(), 9.0).unwrap();
+        let read = image::load_from_memory_with_format(&bytes, ImageFormat::Hdr).unwrap();
+        for (read, pixel) in read.into_rgb32f().pixels().zip(&image().pixels) {
+            let off = (Rgb::from(read.0) - *pixel).abs().max_element();
+            assert!(off <= pixel.max_element() / 128.0, "{read:?} {pixel}");
+        }
+    }
+
+    #[test]
+    fn png_is_exposed_and_encoded() {
+        let bytes = Format::Png.encode(&image(), 0.25).unwrap();
+        let read = image::load_from_memory_with_format(&bytes, ImageFormat::Png).unwrap();
+        // 4 × 0.25 is white; 0 is black; 0.125 is 99 in sRGB.
+        assert_eq!(read.into_rgb8().get_pixel(0, 0).0, [0, 99, 255]);
+    }
+
+    #[test]
+    fn endings_decide_whatever_their_case() {
+        assert_eq!(Format::of(Path::new("a/b.PNG")), Ok(Format::Png));
+        for bad in ["a.jpg", "a", "", ".png"] {
+            assert!(Format::of(Path::new(bad)).is_err(), "{bad}");
+        }
+    }
+}

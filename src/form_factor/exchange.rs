@@ -1,0 +1,139 @@
+//! The symmetric matrix of exchange areas A_i F_ij.
+
+use crate::color::Rgb64;
+use crate::patches::PatchId;
+
+/// Rows and columns of a tile: a quarter of a page, so that sparse parts of a scene cost little.
+pub(super) const TILE: usize = 32;
+
+pub(super) type Tile = [[f32; TILE]; TILE];
+
+/// A_i F_ij in square units, stored once for both directions, in tiles on and above the diagonal.
+/// Tiles in which nothing sees anything (coplanar walls, hidden rooms) are not stored.
+pub struct ExchangeMatrix {
+    areas: Vec<f64>,
+    blocks: usize,
+    /// Row by row: (0,0), (0,1), …, (1,1), (1,2), ….
+    tiles: Vec<Option<Box<Tile>>>,
+}
+
+impl ExchangeMatrix {
+    pub(super) fn new(areas: Vec<f64>, tiles: Vec<Option<Box<Tile>>>) -> Self {
+        let blocks = areas.len().div_ceil(TILE);
+        assert_eq!(tiles.len(), blocks * (blocks + 1) / 2, "one tile per pair of blocks");
+        ExchangeMatrix { areas, blocks, tiles }
+    }
+
+    /// Bytes that the matrix of so many patches takes if every tile is stored.
+    pub fn bytes_needed(patches: usize) -> u64 {
+        let blocks = patches.div_ceil(TILE) as u64;
+        let tile = (size_of::<Tile>() + size_of::<Option<Box<Tile>>>()) as u64;
+        (blocks * (blocks + 1) / 2).saturating_mul(tile)
+    }
+
+    pub fn len(&self) -> usize {
+        self.areas.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.areas.is_empty()
+    }
+
+    /// See [`FormFactors::for_each_in_row`](super::FormFactors::for_each_in_row).
+    #[inline]
+    pub fn for_each_in_row(&self, i: PatchId, mut entry: impl FnMut(usize, f64)) {
+        let area = self.areas[i.index()];
+        self.for_each_exchange(i, |j, exchange| entry(j, exchange as f64 / area));
+    }
+
+    /// See [`FormFactors::gather_row`](super::FormFactors::gather_row).
+    #[inline]
+    pub fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
+        let mut sum = Rgb64::ZERO;
+        self.for_each_exchange(i, |j, exchange| sum += radiosity[j] * exchange as f64);
+        sum / self.areas[i.index()]
+    }
+
+    #[inline]
+    fn for_each_exchange(&self, i: PatchId, mut entry: impl FnMut(usize, f32)) {
+        let (block, within) = (i.index() / TILE, i.index() % TILE);
+        for other in 0..self.blocks {
+            let Some(tile) = &self.tiles[self.tile_number(block.min(other), block.max(other))]
+            else {
+                continue;
+            };
+            let base = other * TILE;
+            if other > block {
+                for (j, &exchange) in tile[within].iter().enumerate() {
+                    if exchange > 0.0 {
+                        entry(base + j, exchange);
+                    }
+                }
+            } else {
+                for (j, row) in tile.iter().enumerate() {
+                    // The diagonal tile holds only what is above the diagonal.
+                    let mirrored = if other == block && j < within || other < block {
+                        row[within]
+                    } else {
+                        tile[within][j]
+                    };
+                    if mirrored > 0.0 {
+                        entry(base + j, mirrored);
+                    }
+                }
+            }
+        }
+    }
+
+    fn tile_number(&self, row: usize, column: usize) -> usize {
+        // Rows before this one hold blocks, blocks − 1, … tiles.
+        row * self.blocks - row * row.saturating_sub(1) / 2 + (column - row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Exchange (i, j) is i·1000 + j above the diagonal; patch i has area i + 1.
+    fn numbered(n: usize) -> ExchangeMatrix {
+        let blocks = n.div_ceil(TILE);
+        let mut tiles = Vec::new();
+        for row in 0..blocks {
+            for column in row..blocks {
+                let mut tile = Box::new([[0.0; TILE]; TILE]);
+                for (a, line) in tile.iter_mut().enumerate() {
+                    for (b, entry) in line.iter_mut().enumerate() {
+                        let (i, j) = (row * TILE + a, column * TILE + b);
+                        if i < j && j < n {
+                            *entry = (i * 1000 + j) as f32;
+                        }
+                    }
+                }
+                tiles.push(Some(tile));
+            }
+        }
+        ExchangeMatrix::new((0..n).map(|i| (i + 1) as f64).collect(), tiles)
+    }
+
+    #[test]
+    fn every_row_sees_both_halves_of_the_matrix() {
+        let n = 2 * TILE + 5;
+        let matrix = numbered(n);
+        for i in 0..n {
+            let mut row = vec![0.0; n];
+            matrix.for_each_in_row(PatchId(i as u32), |j, factor| row[j] += factor);
+            for (j, &factor) in row.iter().enumerate() {
+                let exchange = if i == j { 0 } else { i.min(j) * 1000 + i.max(j) };
+                assert_eq!(factor, exchange as f64 / (i + 1) as f64, "F({i}, {j})");
+            }
+        }
+    }
+
+    #[test]
+    fn the_size_is_known_before_anything_is_allocated() {
+        assert_eq!(ExchangeMatrix::bytes_needed(TILE), 4096 + 8);
+        assert_eq!(ExchangeMatrix::bytes_needed(6144), 192 * 193 / 2 * (4096 + 8));
+        assert!(ExchangeMatrix::bytes_needed(1 << 28) > 1 << 50);
+    }
+}

@@ -1,0 +1,167 @@
+//! Hemispherical form factors: F_ij is the share of patch i's cosine-distributed rays that hit j.
+//!
+//! With directions of density cosθ/π from uniform points of the patch every ray carries the same
+//! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes a ray, and it
+//! sums to 1 wherever every ray hits a front.
+
+use super::{Estimator, RowSource};
+use crate::color::Rgb64;
+use crate::geometry::{Hit, Ray, RayCaster};
+use crate::patches::PatchId;
+use crate::sampling::{
+    PointSet, Purpose, Stream, cosine_hemisphere, regular_triangle, uniform_triangle,
+};
+use rayon::prelude::*;
+
+/// A ray that left the scene, or ended on the black back of a one-sided triangle.
+const LOST: u32 = u32::MAX;
+
+/// What each patch's rays hit.
+pub struct HemisphereRows {
+    rays_per_row: usize,
+    /// Row after row, each sorted, so that equal hits and the lost ones are together.
+    hits: Vec<u32>,
+    areas: Vec<f64>,
+}
+
+impl HemisphereRows {
+    /// Bytes that so many rows of so many rays take.
+    pub fn bytes_needed(patches: usize, rays: u32) -> u64 {
+        (patches as u64).saturating_mul(rays as u64 * size_of::<u32>() as u64)
+    }
+
+    pub fn len(&self) -> usize {
+        self.areas.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.areas.is_empty()
+    }
+
+    /// What row i's rays hit, without the lost ones, sorted.
+    #[inline]
+    fn row(&self, i: usize) -> &[u32] {
+        let row = &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row];
+        &row[..row.partition_point(|&hit| hit != LOST)]
+    }
+
+    /// See [`FormFactors::for_each_in_row`](super::FormFactors::for_each_in_row).
+    #[inline]
+    pub fn for_each_in_row(&self, i: PatchId, mut entry: impl FnMut(usize, f64)) {
+        let factor = 1.0 / self.rays_per_row as f64;
+        self.row(i.index()).iter().for_each(|&hit| entry(hit as usize, factor));
+    }
+
+    /// See [`FormFactors::gather_row`](super::FormFactors::gather_row).
+    #[inline]
+    pub fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
+        let sum: Rgb64 = self.row(i.index()).iter().map(|&hit| radiosity[hit as usize]).sum();
+        sum / self.rays_per_row as f64
+    }
+
+    /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j).
+    ///
+    /// A difference of two exchanges is at most the larger of them, so an entry whose own exchange
+    /// does not exceed the largest defect so far needs no look at its mirror.
+    pub fn reciprocity_defect(&self) -> f64 {
+        let n = self.rays_per_row as f64;
+        let exchange = |i: usize, count: usize| self.areas[i] * count as f64 / n;
+        (0..self.len())
+            .into_par_iter()
+            .fold(
+                || 0f64,
+                |mut largest, i| {
+                    for run in self.row(i).chunk_by(|a, b| a == b) {
+                        let j = run[0] as usize;
+                        let smaller = self.areas[i].min(self.areas[j]);
+                        let ours = exchange(i, run.len());
+                        if ours / smaller > largest {
+                            let theirs = exchange(j, count(self.row(j), i as u32));
+                            largest = largest.max((ours - theirs).abs() / smaller);
+                        }
+                    }
+                    largest
+                },
+            )
+            .reduce(|| 0.0, f64::max)
+    }
+}
+
+fn count(sorted: &[u32], value: u32) -> usize {
+    sorted.partition_point(|&x| x <= value) - sorted.partition_point(|&x| x < value)
+}
+
+impl<C: RayCaster> Estimator<'_, C> {
+    /// All rows, in parallel.
+    pub fn hemisphere_rows(&self) -> HemisphereRows {
+        let rays_per_row = self.samples as usize;
+        self.progress.set_length(self.mesh.len() as u64);
+        let mut hits = vec![LOST; self.mesh.len() * rays_per_row];
+        hits.par_chunks_mut(rays_per_row).enumerate().for_each_init(
+            || HemisphereWork::new(self),
+            |work, (i, row)| {
+                work.trace(self, PatchId(i as u32), row);
+                if i % 64 == 0 {
+                    self.progress.inc(64);
+                }
+            },
+        );
+        let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
+        HemisphereRows { rays_per_row, hits, areas }
+    }
+}
+
+/// One thread's buffers.
+struct HemisphereWork {
+    centroids: Vec<[f32; 3]>,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+}
+
+impl HemisphereWork {
+    fn new<C>(of: &Estimator<C>) -> Self {
+        let regular = of.points == PointSet::Regular;
+        let centroids = if regular { regular_triangle(of.samples.isqrt()) } else { Vec::new() };
+        HemisphereWork { centroids, rays: Vec::new(), hits: Vec::new() }
+    }
+
+    /// Fills the row with what patch i's rays hit, sorted.
+    fn trace<C: RayCaster>(&mut self, of: &Estimator<C>, i: PatchId, row: &mut [u32]) {
+        let (shape, side) = (of.mesh.triangle(i), of.mesh.side(i));
+        let [p0, p1, p2] = shape.p;
+        let stream = Stream::new(of.seed, Purpose::Hemisphere, i.0 as u64, of.points);
+        self.rays.clear();
+        self.rays.extend((0..of.samples).map(|k| {
+            let [d0, d1, x0, x1] = stream.point(k);
+            let [l0, l1, l2] = match self.centroids.get(k as usize) {
+                Some(&centroid) => centroid,
+                None => uniform_triangle(x0, x1),
+            };
+            let origin = side.lifted(p0 * l0 + p1 * l1 + p2 * l2);
+            Ray::new(origin, cosine_hemisphere(side.normal, d0, d1))
+        }));
+        of.caster.nearest_batch(&self.rays, &mut self.hits);
+        of.count_rays(self.rays.len());
+        for ((entry, ray), hit) in row.iter_mut().zip(&self.rays).zip(&self.hits) {
+            let patch = hit.and_then(|hit| of.mesh.patch_hit(ray, &hit));
+            *entry = patch.map_or(LOST, |patch| patch.0);
+        }
+        row.sort_unstable();
+    }
+}
+
+/// Rows of hemispherical form factors, without a matrix.
+pub struct HemisphereSource<'a, C>(pub &'a Estimator<'a, C>);
+
+impl<C: RayCaster> RowSource for HemisphereSource<'_, C> {
+    /// The same numbers that [`Estimator::hemisphere_rows`] would store.
+    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+        let mut hits = vec![LOST; self.0.samples as usize];
+        HemisphereWork::new(self.0).trace(self.0, i, &mut hits);
+        let n = hits.len() as f64;
+        hits.chunk_by(|a, b| a == b)
+            .filter(|run| run[0] != LOST)
+            .map(|run| (PatchId(run[0]), run.len() as f64 / n))
+            .collect()
+    }
+}

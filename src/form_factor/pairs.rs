@@ -1,0 +1,358 @@
+//! Pairwise form factors: samples of the double area integral
+//!
+//! ```text
+//! A_i F_ij = ∬ V(x, y) cosθ_i cosθ_j / (π r²) dy dx        (x on patch i, y on patch j)
+//! ```
+//!
+//! (Cohen & Wallace, *Radiosity and Realistic Image Synthesis*, eq. 4.2). The integral is symmetric
+//! in i and j, so one estimate serves both F_ij and F_ji and A_i F_ij = A_j F_ji holds.
+
+use super::exchange::{ExchangeMatrix, TILE, Tile};
+use super::spherical::SphericalTriangle;
+use super::{Estimator, RowSource};
+use crate::geometry::{Ray, RayCaster, Triangle};
+use crate::patches::{PatchId, PatchMesh, Side};
+use crate::sampling::{PointSet, Purpose, Stream, regular_triangle, uniform_triangle};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::PI;
+
+/// A triangle that exchanges light: a patch, or a whole emitter.
+pub(super) struct Facet<'s> {
+    shape: Triangle,
+    side: &'s Side,
+    area: f32,
+    centroid: Vec3,
+    /// Of a sphere about the centroid that holds the triangle.
+    radius: f32,
+}
+
+impl<'s> Facet<'s> {
+    pub fn new(shape: Triangle, side: &'s Side) -> Self {
+        let centroid = shape.centroid();
+        let radius = shape.p.iter().map(|p| p.distance(centroid)).fold(0.0, f32::max);
+        Facet { area: shape.area() as f32, centroid, radius, shape, side }
+    }
+
+    pub fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
+        Facet::new(mesh.triangle(patch), mesh.side(patch))
+    }
+
+    pub fn area(&self) -> f64 {
+        self.area as f64
+    }
+
+    fn at(&self, barycentrics: [f32; 3]) -> Vec3 {
+        let [p0, p1, p2] = self.shape.p;
+        p0 * barycentrics[0] + p1 * barycentrics[1] + p2 * barycentrics[2]
+    }
+}
+
+/// Where one sample of a pair lies: barycentrics on each triangle, and the numbers (ξ₀, ξ₁) that
+/// the second ones came from, for sampling by solid angle.
+pub(super) struct PairPoint {
+    pub on_a: [f32; 3],
+    pub on_b: [f32; 3],
+    pub xi_b: [f32; 2],
+}
+
+impl PairPoint {
+    pub fn uniform([x0, x1, y0, y1]: [f32; 4]) -> Self {
+        PairPoint {
+            on_a: uniform_triangle(x0, x1),
+            on_b: uniform_triangle(y0, y1),
+            xi_b: [y0, y1],
+        }
+    }
+}
+
+/// One sample: the segment whose visibility decides, and what it contributes to A_a F_ab if clear.
+pub(super) struct PairSample {
+    pub segment: Ray,
+    pub exchange: f32,
+}
+
+/// Samples the exchange between two triangles. `None`: this sample contributes nothing.
+///
+/// Triangles closer than twice the sum of their radii are sampled by solid angle (see
+/// [`spherical`](super::spherical)); beyond that, r varies by less than a factor of three over the
+/// pair, and sampling by area is good and cheaper.
+#[inline]
+pub(super) fn sample(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
+    let near = 2.0 * (a.radius + b.radius);
+    if a.centroid.distance_squared(b.centroid) < near * near {
+        sample_solid_angle(a, b, point)
+    } else {
+        sample_area(a, b, point)
+    }
+}
+
+fn sample_area(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
+    let (x, y) = (a.at(point.on_a), b.at(point.on_b));
+    let d = y - x;
+    let (cos_a, cos_b) = (a.side.normal.dot(d), -b.side.normal.dot(d));
+    if !(cos_a > 0.0 && cos_b > 0.0) {
+        return None;
+    }
+    // Both cosines still carry a factor r: cosθ_a cosθ_b / r² = cos_a cos_b / r⁴.
+    let r2 = d.length_squared();
+    Some(PairSample {
+        segment: Ray::segment(a.side.lifted(x), b.side.lifted(y)),
+        exchange: a.area * b.area * (cos_a / r2) * (cos_b / r2) / PI,
+    })
+}
+
+fn sample_solid_angle(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
+    let x = a.at(point.on_a);
+    let from = x.as_dvec3();
+    let normal_b = b.side.normal.as_dvec3();
+    let height = normal_b.dot(from - b.shape.p[0].as_dvec3());
+    if height <= 0.0 {
+        return None;
+    }
+    let seen = SphericalTriangle::new(b.shape.p.map(|p| p.as_dvec3()), from)?;
+    let direction = seen.direction(point.xi_b[0] as f64, point.xi_b[1] as f64);
+    let cos_a = a.side.normal.as_dvec3().dot(direction);
+    let cos_b = -normal_b.dot(direction);
+    if !(cos_a > 0.0 && cos_b > 0.0) {
+        return None;
+    }
+    let y = (from + direction * (height / cos_b)).as_vec3();
+    Some(PairSample {
+        segment: Ray::segment(a.side.lifted(x), b.side.lifted(y)),
+        exchange: a.area * (seen.solid_angle * cos_a) as f32 / PI,
+    })
+}
+
+/// A mean with its standard error, from samples taken as if independent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    pub mean: f64,
+    pub standard_error: f64,
+}
+
+impl<C: RayCaster> Estimator<'_, C> {
+    /// A_i F_ij in square units. Symmetric: swapping i and j gives the same bits.
+    pub fn pair(&self, i: PatchId, j: PatchId) -> Estimate {
+        let (i, j) = (i.min(j), i.max(j));
+        let (a, b) = (Facet::patch(self.mesh, i), Facet::patch(self.mesh, j));
+        let mut work = PairWork::default();
+        let points = PairPoints::new(self);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        if !self.faces_away(i, j) {
+            work.add(0, &a, &b, (0..self.samples).map(|k| points.get(i, j, k)));
+        }
+        self.resolve(&mut work, |_, exchange| {
+            sum += exchange as f64;
+            squares += (exchange as f64).powi(2);
+        });
+        let n = self.samples as f64;
+        let variance = (squares / n - (sum / n).powi(2)).max(0.0);
+        Estimate { mean: sum / n, standard_error: (variance / (n - 1.0).max(1.0)).sqrt() }
+    }
+
+    /// The whole matrix, tile by tile, in parallel.
+    pub fn exchange_matrix(&self) -> ExchangeMatrix {
+        let blocks = self.mesh.len().div_ceil(TILE);
+        self.progress.set_length((blocks * (blocks + 1) / 2) as u64);
+        let tiles: Vec<Option<Box<Tile>>> = (0..blocks)
+            .flat_map(|row| (row..blocks).map(move |column| (row, column)))
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .map_init(
+                || (PairPoints::new(self), PairWork::default()),
+                |(points, work), (row, column)| self.tile(points, work, row, column),
+            )
+            .collect();
+        let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
+        ExchangeMatrix::new(areas, tiles)
+    }
+
+    /// The exchanges of block `row`'s patches with those of block `column` ≥ `row`; `None` if all
+    /// are zero.
+    fn tile(
+        &self,
+        points: &PairPoints,
+        work: &mut PairWork,
+        row: usize,
+        column: usize,
+    ) -> Option<Box<Tile>> {
+        let members = |block: usize| {
+            (block * TILE..((block + 1) * TILE).min(self.mesh.len())).map(|i| PatchId(i as u32))
+        };
+        let facets = |block| members(block).map(|i| Facet::patch(self.mesh, i)).collect::<Vec<_>>();
+        let (rows, columns) = (facets(row), facets(column));
+        let mut facing = FacingCache::default();
+        for (a, i) in rows.iter().zip(members(row)) {
+            for (b, j) in columns.iter().zip(members(column)) {
+                if j > i && facing.possible(self, i, j) {
+                    let slot = (i.index() % TILE) * TILE + j.index() % TILE;
+                    work.add(slot, a, b, (0..self.samples).map(|k| points.get(i, j, k)));
+                }
+            }
+        }
+        let mut tile = Box::new([[0.0; TILE]; TILE]);
+        let mut any = false;
+        let weight = 1.0 / self.samples as f32;
+        self.resolve(work, |slot, exchange| {
+            tile[slot / TILE][slot % TILE] += exchange * weight;
+            any = true;
+        });
+        self.progress.inc(1);
+        any.then_some(tile)
+    }
+
+    /// Traces the collected segments and passes each clear one's exchange on.
+    fn resolve(&self, work: &mut PairWork, mut add: impl FnMut(usize, f32)) {
+        self.caster.occluded_batch(&work.segments, &mut work.blocked);
+        self.count_rays(work.segments.len());
+        for (&(slot, exchange), blocked) in work.exchanges.iter().zip(&work.blocked) {
+            if !blocked {
+                add(slot, exchange);
+            }
+        }
+        work.segments.clear();
+        work.exchanges.clear();
+    }
+
+    /// Whether no point of either patch can see the other's front, which their triangles decide.
+    fn faces_away(&self, i: PatchId, j: PatchId) -> bool {
+        let behind = |from: PatchId, of: PatchId| {
+            let [shape, other] =
+                [of, from].map(|p| &self.mesh.scene.triangles[self.mesh.side(p).triangle.index()]);
+            let sign = if self.mesh.side(of).is_back { -1.0 } else { 1.0 };
+            let normal = shape.double_area_normal() * sign;
+            let p0 = shape.p[0].as_dvec3();
+            other.p.iter().all(|p| normal.dot(p.as_dvec3() - p0) <= 0.0)
+        };
+        behind(i, j) || behind(j, i)
+    }
+}
+
+/// Neighbouring patches belong to the same triangles: remember the last answer.
+#[derive(Default)]
+struct FacingCache {
+    sides: Option<(usize, usize)>,
+    possible: bool,
+}
+
+impl FacingCache {
+    fn possible<C: RayCaster>(&mut self, of: &Estimator<C>, i: PatchId, j: PatchId) -> bool {
+        let sides = Some((of.mesh.side_number(i), of.mesh.side_number(j)));
+        if self.sides != sides {
+            self.sides = sides;
+            self.possible = !of.faces_away(i, j);
+        }
+        self.possible
+    }
+}
+
+/// Samples waiting to be traced in one batch.
+#[derive(Default)]
+struct PairWork {
+    segments: Vec<Ray>,
+    /// (slot, exchange) of each segment.
+    exchanges: Vec<(usize, f32)>,
+    blocked: Vec<bool>,
+}
+
+impl PairWork {
+    fn add(&mut self, slot: usize, a: &Facet, b: &Facet, points: impl Iterator<Item = PairPoint>) {
+        for point in points {
+            if let Some(sample) = sample(a, b, &point) {
+                self.segments.push(sample.segment);
+                self.exchanges.push((slot, sample.exchange));
+            }
+        }
+    }
+}
+
+/// The points of every pair, as the estimator's point set places them.
+struct PairPoints {
+    seed: u64,
+    points: PointSet,
+    centroids: Vec<[f32; 3]>,
+}
+
+impl PairPoints {
+    fn new<C>(estimator: &Estimator<C>) -> Self {
+        let regular = estimator.points == PointSet::Regular;
+        PairPoints {
+            seed: estimator.seed,
+            points: estimator.points,
+            centroids: if regular {
+                regular_triangle(estimator.samples.isqrt())
+            } else {
+                Vec::new()
+            },
+        }
+    }
+
+    #[inline]
+    fn get(&self, i: PatchId, j: PatchId, k: u32) -> PairPoint {
+        let pair = (i.0 as u64) << 32 | j.0 as u64;
+        let stream = Stream::new(self.seed, Purpose::Pair, pair, self.points);
+        let point = PairPoint::uniform(stream.point(k));
+        if self.centroids.is_empty() {
+            return point;
+        }
+        // Centroid k on one patch meets another one on the other, a different one for each pair.
+        let n = self.centroids.len();
+        let (k, turn) = (k as usize, (i.0.wrapping_mul(31) ^ j.0) as usize);
+        PairPoint { on_a: self.centroids[k], on_b: self.centroids[(n - 1 - k + turn) % n], ..point }
+    }
+}
+
+/// Rows of pairwise form factors, without a matrix.
+pub struct PairRows<'a, C>(pub &'a Estimator<'a, C>);
+
+impl<C: RayCaster> RowSource for PairRows<'_, C> {
+    /// The same numbers that [`Estimator::exchange_matrix`] would store.
+    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+        let of = self.0;
+        let area = of.mesh.area(i);
+        let blocks = of.mesh.len().div_ceil(TILE);
+        let entries: Vec<Vec<(PatchId, f64)>> = (0..blocks)
+            .into_par_iter()
+            .map_init(
+                || (PairPoints::new(of), PairWork::default()),
+                |(points, work), block| self.row_block(i, area, block, points, work),
+            )
+            .collect();
+        entries.concat()
+    }
+}
+
+impl<C: RayCaster> PairRows<'_, C> {
+    fn row_block(
+        &self,
+        i: PatchId,
+        area: f64,
+        block: usize,
+        points: &PairPoints,
+        work: &mut PairWork,
+    ) -> Vec<(PatchId, f64)> {
+        let of = self.0;
+        let own = Facet::patch(of.mesh, i);
+        let first = block * TILE;
+        let mut facing = FacingCache::default();
+        for j in (first..(first + TILE).min(of.mesh.len())).map(|j| PatchId(j as u32)) {
+            if j == i || !facing.possible(of, i, j) {
+                continue;
+            }
+            let other = Facet::patch(of.mesh, j);
+            // The lower number's patch comes first, as in the matrix.
+            let (low, high) = (i.min(j), i.max(j));
+            let (a, b) = if i < j { (&own, &other) } else { (&other, &own) };
+            let slot = j.index() - first;
+            work.add(slot, a, b, (0..of.samples).map(|k| points.get(low, high, k)));
+        }
+        let mut exchange = [0f32; TILE];
+        let weight = 1.0 / of.samples as f32;
+        of.resolve(work, |slot, sample| exchange[slot] += sample * weight);
+        (0..TILE)
+            .filter(|&slot| exchange[slot] > 0.0)
+            .map(|slot| (PatchId((first + slot) as u32), exchange[slot] as f64 / area))
+            .collect()
+    }
+}

@@ -1,0 +1,58 @@
+//! How much memory there is, and how much was used.
+
+use crate::error::{Error, Result};
+
+/// Memory that can be had without swapping, in bytes; `None` where the system does not tell.
+pub fn available() -> Option<u64> {
+    let mut system = sysinfo::System::new().ok()?;
+    system.refresh_memory();
+    let free = system.available_memory();
+    let allowed = system.cgroup_limits().map_or(u64::MAX, |limits| limits.free_memory);
+    (free > 0).then_some(free.min(allowed))
+}
+
+/// The most memory that this process has held so far, in bytes. Linux tells it; elsewhere `None`.
+pub fn peak() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
+}
+
+/// Refuses `what` if it needs more than `limit` bytes.
+///
+/// # Errors
+/// With both numbers and the remedies of whoever asks.
+pub fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
+    match limit {
+        Some(limit) if bytes > limit => Err(Error::new(format!(
+            "{what} needs {}, and {} may be used",
+            indicatif::BinaryBytes(bytes),
+            indicatif::BinaryBytes(limit)
+        ))
+        .remedy(remedy)),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_fits_is_allowed_and_what_does_not_names_both_sizes() {
+        assert!(check("a matrix", 100, Some(100), "").is_ok());
+        assert!(check("a matrix", 100, None, "").is_ok());
+        let error = check("a matrix", 3 << 30, Some(1 << 30), "use less").unwrap_err().to_string();
+        assert!(error.contains("3.00 GiB") && error.contains("1.00 GiB"), "{error}");
+        assert!(error.contains("use less"));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn linux_tells_the_peak() {
+        let before = peak().expect("VmHWM");
+        let block = std::hint::black_box(vec![1u8; 64 << 20]);
+        assert!(peak().expect("VmHWM") >= before.max(block.len() as u64));
+    }
+}

@@ -1,0 +1,470 @@
+//! Patches: the pieces of the triangles on which radiosity is constant.
+//!
+//! Joining the midpoints of a triangle's edges makes 4 triangles of it; doing so `level` times gives
+//! a lattice of n² equal patches with n = 2^level cells along each edge. So no patch is stored: its
+//! corners follow from its number, and the patch under a hit follows from the hit's (u, v).
+//!
+//! ```text
+//!            v                       Row i holds, for j = 0, 1, …, the upright patch of
+//!            |\                      lattice cell (i, j) and then the inverted one, which
+//!            | \                     the last cell of a row lacks. Rows 0…i−1 hold
+//!            |--\                    i·(2n − i) patches.
+//!            |\ |\
+//!            | \| \
+//!            +------ u
+//! ```
+
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::geometry::{Hit, Ray, Triangle, TriangleId};
+use crate::scene::{MaterialId, Scene};
+use glam::Vec3;
+
+/// Number of a patch, counted over the whole scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct PatchId(pub u32);
+
+impl PatchId {
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// How finely triangles are split.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Subdivision {
+    /// Each triangle into 4^levels patches.
+    Levels(u32),
+    /// Each triangle until its patches' longest edge is at most this, in the scene's units.
+    MaxEdge(f64),
+    /// The shortest `MaxEdge` that makes at most this many patches.
+    Count(usize),
+}
+
+/// One lit side of a triangle: the front, or the back of a two-sided one.
+#[derive(Debug, Clone, Copy)]
+pub struct Side {
+    pub triangle: TriangleId,
+    pub is_back: bool,
+    pub material: MaterialId,
+    /// Points to where the side radiates.
+    pub normal: Vec3,
+    pub level: u32,
+    /// Its 4^level patches are numbered from here.
+    pub first: PatchId,
+    /// Of each patch, in square units.
+    pub patch_area: f64,
+    /// See [`Triangle::ray_offset`].
+    ray_offset: f32,
+}
+
+impl Side {
+    pub fn patch_count(&self) -> usize {
+        1 << (2 * self.level)
+    }
+
+    pub fn patches(&self) -> impl Iterator<Item = PatchId> + use<> {
+        (self.first.0..self.first.0 + self.patch_count() as u32).map(PatchId)
+    }
+
+    /// A point of the surface, lifted off it so that rays from it do not meet it again.
+    #[inline]
+    pub fn lifted(&self, point: Vec3) -> Vec3 {
+        point + self.normal * self.ray_offset
+    }
+}
+
+/// A patch within its triangle: lattice cell (i, j) of n rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cell {
+    pub i: u32,
+    pub j: u32,
+    pub inverted: bool,
+}
+
+impl Cell {
+    /// The patch that holds barycentrics (u, v), and the barycentrics (λ₁, λ₂) within it.
+    #[inline]
+    pub fn containing(level: u32, u: f32, v: f32) -> (Cell, f32, f32) {
+        let n = 1u32 << level;
+        // Scaling by a power of two is exact; the clamps catch u + v rounded past 1.
+        let (x, y) = (u.max(0.0) * n as f32, v.max(0.0) * n as f32);
+        let i = (x as u32).min(n - 1);
+        let j = (y as u32).min(n - 1 - i);
+        let (fx, fy) = ((x - i as f32).min(1.0), (y - j as f32).min(1.0));
+        if fx + fy > 1.0 && i + j + 1 < n {
+            (Cell { i, j, inverted: true }, 1.0 - fx, 1.0 - fy)
+        } else {
+            (Cell { i, j, inverted: false }, fx, fy)
+        }
+    }
+
+    /// The patch's number within its triangle.
+    #[inline]
+    pub fn number(self, level: u32) -> u32 {
+        let n = 1u32 << level;
+        self.i * (2 * n - self.i) + 2 * self.j + self.inverted as u32
+    }
+
+    /// The inverse of [`Cell::number`].
+    #[inline]
+    pub fn from_number(level: u32, number: u32) -> Cell {
+        // number = i·(2n − i) at a row's start, so i = n − √(n² − number), exactly in f64 up to the
+        // last bit, which flooring an epsilon above undoes (level ≤ MAX_LEVEL keeps n² below 2²⁶).
+        let n = 1u32 << level;
+        let root = ((n as u64 * n as u64 - number as u64) as f64).sqrt();
+        let mut i = (n as f64 - root) as u32;
+        while (i + 1) * (2 * n - (i + 1)) <= number && i + 1 < n {
+            i += 1;
+        }
+        let in_row = number - i * (2 * n - i);
+        Cell { i, j: in_row / 2, inverted: in_row % 2 == 1 }
+    }
+
+    /// Barycentrics (u, v) in the triangle of the patch's own (λ₁, λ₂).
+    #[inline]
+    pub fn to_triangle(self, level: u32, l1: f32, l2: f32) -> (f32, f32) {
+        let n = (1u32 << level) as f32;
+        let (x, y) = if self.inverted { (1.0 - l1, 1.0 - l2) } else { (l1, l2) };
+        ((self.i as f32 + x) / n, (self.j as f32 + y) / n)
+    }
+
+    /// The lattice points (i, j) of its corners, in its triangle's winding; corner k has λₖ = 1.
+    pub fn corners(self) -> [(u32, u32); 3] {
+        let Cell { i, j, inverted } = self;
+        if inverted {
+            [(i + 1, j + 1), (i, j + 1), (i + 1, j)]
+        } else {
+            [(i, j), (i + 1, j), (i, j + 1)]
+        }
+    }
+}
+
+/// Every triangle may be split this often: 4¹² patches of one triangle.
+pub const MAX_LEVEL: u32 = 12;
+/// Patch numbers and ray counts stay well inside 32 bits.
+const MAX_PATCHES: usize = 1 << 28;
+
+/// All patches of a scene.
+pub struct PatchMesh<'s> {
+    pub scene: &'s Scene,
+    sides: Vec<Side>,
+    /// Per triangle: its front's side, and its back's where it has one.
+    side_of_front: Vec<u32>,
+    side_of_back: Vec<Option<u32>>,
+    /// Per patch: its side.
+    side_of_patch: Vec<u32>,
+}
+
+impl<'s> PatchMesh<'s> {
+    /// # Errors
+    /// A level above [`MAX_LEVEL`], a length that is not a positive number, or more patches than
+    /// can be numbered.
+    pub fn subdivide(scene: &'s Scene, subdivision: Subdivision) -> Result<PatchMesh<'s>> {
+        check(subdivision)?;
+        let edges: Vec<f64> = scene.triangles.iter().map(Triangle::longest_edge).collect();
+        let levels: Vec<u32> = match subdivision {
+            Subdivision::Levels(levels) => vec![levels; edges.len()],
+            Subdivision::MaxEdge(length) => levels_for(&edges, length),
+            Subdivision::Count(most) => levels_for(&edges, shortest_edge_for(&edges, most)),
+        };
+        let sides_of = |t: usize| 1 + scene.material(TriangleId(t as u32)).two_sided as usize;
+        let count: u64 =
+            levels.iter().enumerate().map(|(t, &l)| sides_of(t) as u64 * (1 << (2 * l))).sum();
+        if levels.iter().any(|&l| l > MAX_LEVEL) || count > MAX_PATCHES as u64 {
+            return Err(Error::new(format!(
+                "this subdivision asks for {count} patches or {} levels; the most are \
+                 {MAX_PATCHES} and {MAX_LEVEL}",
+                levels.iter().max().unwrap_or(&0)
+            ))
+            .remedy("raise --max-edge or lower --levels"));
+        }
+        Ok(PatchMesh::with_levels(scene, &levels))
+    }
+
+    fn with_levels(scene: &'s Scene, levels: &[u32]) -> PatchMesh<'s> {
+        let mut mesh = PatchMesh {
+            scene,
+            sides: Vec::with_capacity(levels.len()),
+            side_of_front: Vec::with_capacity(levels.len()),
+            side_of_back: Vec::with_capacity(levels.len()),
+            side_of_patch: Vec::new(),
+        };
+        for (index, &level) in levels.iter().enumerate() {
+            let triangle = TriangleId(index as u32);
+            let front = mesh.add_side(triangle, level, false);
+            let back = scene.material(triangle).two_sided;
+            let back = back.then(|| mesh.add_side(triangle, level, true));
+            mesh.side_of_front.push(front);
+            mesh.side_of_back.push(back);
+        }
+        mesh
+    }
+
+    fn add_side(&mut self, triangle: TriangleId, level: u32, is_back: bool) -> u32 {
+        let number = self.sides.len() as u32;
+        let shape = &self.scene.triangles[triangle.index()];
+        let normal = shape.normal();
+        let side = Side {
+            triangle,
+            is_back,
+            material: self.scene.material_of[triangle.index()],
+            normal: if is_back { -normal } else { normal },
+            level,
+            first: PatchId(self.side_of_patch.len() as u32),
+            patch_area: shape.area() / (1u64 << (2 * level)) as f64,
+            ray_offset: shape.ray_offset(),
+        };
+        self.side_of_patch.resize(self.side_of_patch.len() + side.patch_count(), number);
+        self.sides.push(side);
+        number
+    }
+
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.side_of_patch.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.side_of_patch.is_empty()
+    }
+
+    pub fn sides(&self) -> &[Side] {
+        &self.sides
+    }
+
+    #[inline]
+    pub fn side(&self, patch: PatchId) -> &Side {
+        &self.sides[self.side_of_patch[patch.index()] as usize]
+    }
+
+    pub fn side_number(&self, patch: PatchId) -> usize {
+        self.side_of_patch[patch.index()] as usize
+    }
+
+    /// In square units.
+    #[inline]
+    pub fn area(&self, patch: PatchId) -> f64 {
+        self.side(patch).patch_area
+    }
+
+    /// Diffuse reflectance ρ of the patch.
+    pub fn reflectance(&self, patch: PatchId) -> Rgb {
+        self.scene.materials[self.side(patch).material.0 as usize].reflectance
+    }
+
+    /// Exitance E = πL of the patch, in W·m⁻².
+    pub fn exitance(&self, patch: PatchId) -> Rgb {
+        let radiance = self.scene.materials[self.side(patch).material.0 as usize].radiance;
+        radiance * std::f32::consts::PI
+    }
+
+    /// The side that a ray meets at a hit, or `None` for the black back of a one-sided triangle.
+    #[inline]
+    pub fn side_hit(&self, ray: &Ray, hit: &Hit) -> Option<&Side> {
+        let front = self.side_of_front[hit.triangle.index()];
+        let side = &self.sides[front as usize];
+        if side.normal.dot(ray.direction) < 0.0 {
+            return Some(side);
+        }
+        self.side_of_back[hit.triangle.index()].map(|back| &self.sides[back as usize])
+    }
+
+    /// The patch that a ray meets at a hit, or `None` for the black back of a one-sided triangle.
+    #[inline]
+    pub fn patch_hit(&self, ray: &Ray, hit: &Hit) -> Option<PatchId> {
+        let side = self.side_hit(ray, hit)?;
+        let (cell, ..) = Cell::containing(side.level, hit.u, hit.v);
+        Some(PatchId(side.first.0 + cell.number(side.level)))
+    }
+
+    /// The patch as a triangle, wound so that its normal is its side's.
+    pub fn triangle(&self, patch: PatchId) -> Triangle {
+        let side = self.side(patch);
+        let cell = Cell::from_number(side.level, patch.0 - side.first.0);
+        let shape = &self.scene.triangles[side.triangle.index()];
+        let n = (1u32 << side.level) as f32;
+        let mut p = cell.corners().map(|(i, j)| shape.at(i as f32 / n, j as f32 / n));
+        if side.is_back {
+            p.swap(1, 2);
+        }
+        Triangle { p }
+    }
+}
+
+fn check(subdivision: Subdivision) -> Result<()> {
+    match subdivision {
+        Subdivision::Levels(levels) if levels > MAX_LEVEL => {
+            Err(Error::new(format!("{levels} levels of subdivision; the most are {MAX_LEVEL}"))
+                .remedy("each level quadruples the patches; 2 to 5 are usual"))
+        }
+        Subdivision::MaxEdge(length) if !(length > 0.0 && length.is_finite()) => {
+            Err(Error::new(format!("a longest patch edge of {length}"))
+                .remedy("give a positive length in the scene's units"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The least level at which each triangle's longest edge is at most `length`.
+fn levels_for(edges: &[f64], length: f64) -> Vec<u32> {
+    edges.iter().map(|edge| (edge / length).log2().ceil().clamp(0.0, 30.0) as u32).collect()
+}
+
+/// Bisects for the shortest length that makes at most `most` patches; the longest edge (level 0
+/// everywhere) if even that makes more.
+fn shortest_edge_for(edges: &[f64], most: usize) -> f64 {
+    let count = |length: f64| -> f64 {
+        levels_for(edges, length).iter().map(|&level| 4f64.powi(level as i32)).sum()
+    };
+    let longest = edges.iter().copied().fold(0.0, f64::max);
+    let (mut too_short, mut good) = (longest / (1u64 << MAX_LEVEL) as f64, longest);
+    for _ in 0..60 {
+        let middle = (too_short * good).sqrt();
+        if count(middle) <= most as f64 {
+            good = middle;
+        } else {
+            too_short = middle;
+        }
+    }
+    good
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Material;
+    use proptest::prelude::*;
+
+    fn scene(triangles: Vec<Triangle>, two_sided: bool) -> Scene {
+        let materials = vec![Material { two_sided, ..Material::fallback() }];
+        let count = triangles.len();
+        Scene::new(triangles, vec![MaterialId(0); count], materials)
+    }
+
+    fn one_triangle() -> Vec<Triangle> {
+        vec![Triangle::new(Vec3::ZERO, Vec3::X * 8.0, Vec3::Y * 4.0)]
+    }
+
+    /// The definition: join the edges' midpoints, recursively.
+    fn by_midpoints(triangle: Triangle, levels: u32) -> Vec<Triangle> {
+        if levels == 0 {
+            return vec![triangle];
+        }
+        let [a, b, c] = triangle.p;
+        let (ab, bc, ca) = ((a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0);
+        [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]
+            .into_iter()
+            .flat_map(|p| by_midpoints(Triangle { p }, levels - 1))
+            .collect()
+    }
+
+    #[test]
+    fn the_lattice_is_recursive_midpoint_subdivision() {
+        let scene = scene(one_triangle(), false);
+        for level in 0..=4 {
+            let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(level)).unwrap();
+            let key = |t: Triangle| {
+                let mut p = t.p.map(|p| [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()]);
+                p.sort_unstable();
+                p
+            };
+            let mut ours: Vec<_> =
+                (0..mesh.len()).map(|i| key(mesh.triangle(PatchId(i as u32)))).collect();
+            let mut theirs: Vec<_> =
+                by_midpoints(scene.triangles[0], level).into_iter().map(key).collect();
+            ours.sort_unstable();
+            theirs.sort_unstable();
+            assert_eq!(ours, theirs, "level {level}");
+        }
+    }
+
+    #[test]
+    fn numbers_and_cells_are_inverse_and_in_order() {
+        for level in 0..=MAX_LEVEL.min(8) {
+            for number in 0..1u32 << (2 * level) {
+                let cell = Cell::from_number(level, number);
+                assert!(cell.i + cell.j + (cell.inverted as u32) < 1 << level);
+                assert_eq!(cell.number(level), number, "level {level}");
+            }
+        }
+        let last = (1u32 << (2 * MAX_LEVEL)) - 1;
+        assert_eq!(Cell::from_number(MAX_LEVEL, last).number(MAX_LEVEL), last);
+    }
+
+    #[test]
+    fn patches_keep_winding_and_share_the_area() {
+        for two_sided in [false, true] {
+            let scene = scene(one_triangle(), two_sided);
+            let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(3)).unwrap();
+            assert_eq!(mesh.len(), if two_sided { 128 } else { 64 });
+            for i in 0..mesh.len() as u32 {
+                let patch = mesh.triangle(PatchId(i));
+                assert_eq!(patch.normal(), mesh.side(PatchId(i)).normal);
+                assert!((patch.area() - mesh.area(PatchId(i))).abs() < 1e-12);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_cell_under_a_point_holds_it(level in 0u32..9, a in 0f32..1.0, b in 0f32..1.0) {
+            let (u, v) = if a + b > 1.0 { (1.0 - a, 1.0 - b) } else { (a, b) };
+            let (cell, l1, l2) = Cell::containing(level, u, v);
+            prop_assert!(l1 >= 0.0 && l2 >= 0.0 && l1 + l2 <= 1.0 + f32::EPSILON);
+            let (u2, v2) = cell.to_triangle(level, l1, l2);
+            // l1 and l2 are multiples of u's and v's last bits, scaled by 2^level.
+            prop_assert!((u - u2).abs() <= f32::EPSILON && (v - v2).abs() <= f32::EPSILON);
+            let corners = cell.corners();
+            prop_assert!(corners.iter().all(|&(i, j)| i + j <= 1 << level));
+        }
+    }
+
+    #[test]
+    fn corners_and_edges_of_the_triangle_have_a_patch() {
+        for level in [0, 1, 5, MAX_LEVEL] {
+            for (u, v) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.3, 0.70000005)] {
+                let (cell, ..) = Cell::containing(level, u, v);
+                assert!(cell.number(level) < 1 << (2 * level), "({u}, {v}) at {level}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_ray_meets_the_side_that_faces_it() {
+        let ray = |z: f32| Ray::new(Vec3::new(1.0, 1.0, z), Vec3::new(0.0, 0.0, -z));
+        let hit = Hit { triangle: TriangleId(0), t: 1.0, u: 0.125, v: 0.25 };
+        let one = scene(one_triangle(), false);
+        let mesh = PatchMesh::subdivide(&one, Subdivision::Levels(1)).unwrap();
+        assert_eq!(mesh.patch_hit(&ray(1.0), &hit), Some(PatchId(0)));
+        assert_eq!(mesh.patch_hit(&ray(-1.0), &hit), None);
+        let two = scene(one_triangle(), true);
+        let mesh = PatchMesh::subdivide(&two, Subdivision::Levels(1)).unwrap();
+        assert_eq!(mesh.patch_hit(&ray(-1.0), &hit), Some(PatchId(4)));
+    }
+
+    #[test]
+    fn each_triangle_gets_the_level_that_its_edge_needs() {
+        let mut triangles = one_triangle();
+        triangles.push(Triangle::new(Vec3::ZERO, Vec3::X * 0.5, Vec3::Y * 0.5));
+        let scene = scene(triangles, false);
+        // Longest edges √80 ≈ 8.9 and √½ ≈ 0.7.
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::MaxEdge(1.2)).unwrap();
+        assert_eq!(mesh.sides().iter().map(|s| s.level).collect::<Vec<_>>(), [3, 0]);
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Count(300)).unwrap();
+        assert!(mesh.len() <= 300 && mesh.len() > 75, "{}", mesh.len());
+    }
+
+    #[test]
+    fn absurd_subdivisions_are_refused() {
+        let scene = scene(one_triangle(), false);
+        for bad in [
+            Subdivision::Levels(40),
+            Subdivision::MaxEdge(0.0),
+            Subdivision::MaxEdge(f64::NAN),
+            Subdivision::MaxEdge(1e-9),
+        ] {
+            assert!(PatchMesh::subdivide(&scene, bad).is_err(), "{bad:?}");
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! From patches to their radiosity: form factors, direct light, solution, balance.
+
+use crate::color::Rgb64;
+use crate::error::{Error, Result};
+use crate::form_factor::direct::Emitters;
+use crate::form_factor::hemisphere::HemisphereSource;
+use crate::form_factor::pairs::PairRows;
+use crate::form_factor::{
+    Defects, Estimator, ExchangeMatrix, FormFactors, HemisphereRows, RowSource, row_sum_defect,
+};
+use crate::geometry::RayCaster;
+use crate::memory;
+use crate::patches::{PatchId, PatchMesh};
+use crate::sampling::PointSet;
+use crate::solver::{MatrixMethod, Problem, Solution, Stop};
+use indicatif::ProgressBar;
+use std::time::{Duration, Instant};
+
+/// How form factors are estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Samples of each pair of patches: reciprocal by construction, n² work.
+    Pairs,
+    /// Cosine-distributed rays from each patch: rows that sum to 1, n work.
+    Hemisphere,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Solver {
+    Matrix(MatrixMethod),
+    /// Shooting with rows on demand.
+    Southwell,
+}
+
+/// Everything that decides a solution, beside the patches.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    pub method: Method,
+    /// Samples a pair, or rays a patch.
+    pub samples: u32,
+    pub points: PointSet,
+    /// Points of the emitters sampled for each patch's direct light; 0 lets the form factors carry
+    /// the emitters' light like all other.
+    pub direct_samples: u32,
+    pub solver: Solver,
+    pub stop: Stop,
+    pub seed: u64,
+    /// The most bytes a matrix may take.
+    pub memory_limit: Option<u64>,
+}
+
+/// Power per channel in watts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Energy {
+    pub emitted: Rgb64,
+    /// By fronts that the light reached.
+    pub absorbed: Rgb64,
+    /// What left every front that light could reach: into the open, or onto black backs.
+    pub escaped: Rgb64,
+}
+
+/// The light in the scene.
+pub struct Radiosity {
+    /// B = E + ρH in W·m⁻², per patch.
+    pub radiosity: Vec<Rgb64>,
+    /// H in W·m⁻², per patch.
+    pub irradiance: Vec<Rgb64>,
+    /// The relative residual after each iteration.
+    pub residuals: Vec<f64>,
+    /// Σ_j F_ij: the largest departure from 1 over the rows that were needed.
+    pub row_sum_defect: f64,
+    /// See [`Defects::reciprocity`]; `None` where no matrix was stored.
+    pub reciprocity_defect: Option<f64>,
+    pub energy: Energy,
+    pub rays: u64,
+    pub transport_time: Duration,
+    pub solve_time: Duration,
+}
+
+/// Above this share of the scene's area emitters are not small, and rays find them.
+pub const SMALL_EMITTERS: f64 = 0.1;
+
+/// Whether the emitters are so small a part of the scene that they should be sampled themselves.
+pub fn has_small_emitters(mesh: &PatchMesh) -> bool {
+    Emitters::of(mesh).area() <= SMALL_EMITTERS * mesh.scene.area()
+}
+
+/// Estimates the transport of light between the patches and solves for their radiosity.
+///
+/// # Errors
+/// No emitter, a matrix that does not fit, light that does not converge.
+pub fn solve(
+    caster: &impl RayCaster,
+    mesh: &PatchMesh,
+    settings: &Settings,
+    progress: &dyn Fn(&'static str) -> ProgressBar,
+) -> Result<Radiosity> {
+    if !mesh.scene.emits() {
+        return Err(Error::new("nothing in the scene emits light: the picture would be black")
+            .remedy("give a material an emission: Ke in the MTL file, or radiance in the scene \
+                     description's [materials.NAME]"));
+    }
+    let start = Instant::now();
+    let exitance: Vec<Rgb64> =
+        (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
+
+    let bar = progress("direct light");
+    let direct = (settings.direct_samples > 0).then(|| {
+        let estimator = Estimator::new(
+            caster, mesh, settings.direct_samples, PointSet::Sobol, settings.seed, &bar,
+        );
+        (estimator.direct_light(&Emitters::of(mesh)), estimator.rays())
+    });
+    let (direct, direct_rays) = direct.unzip();
+    bar.finish_and_clear();
+
+    let bar = progress("form factors");
+    let estimator =
+        Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, &bar);
+    let source = match &direct {
+        None => exitance.clone(),
+        Some(direct) => (0..mesh.len())
+            .map(|i| mesh.reflectance(PatchId(i as u32)).as_dvec3() * direct[i])
+            .collect(),
+    };
+    let problem = Problem::new(mesh, source);
+    let (transport_time, solution, reciprocity_defect) = match settings.solver {
+        Solver::Matrix(method) => {
+            let form_factors = matrix(&estimator, settings)?;
+            bar.finish_and_clear();
+            let transport_time = start.elapsed();
+            let solution = problem.solve(&form_factors, method, settings.stop, &progress("solve"))?;
+            let sums: Vec<f64> = solution.row_sums.iter().flatten().copied().collect();
+            let Defects { reciprocity, .. } = form_factors.defects(&sums);
+            (transport_time, solution, Some(reciprocity))
+        }
+        Solver::Southwell => {
+            let transport_time = start.elapsed();
+            let solution = shoot(&estimator, &problem, settings, &progress("shots"))?;
+            // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
+            let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
+            (transport_time, solution, reciprocity)
+        }
+    };
+    let rays = estimator.rays() + direct_rays.unwrap_or(0);
+    Ok(balance(
+        mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
+            row(&estimator, settings.method, i).iter().map(|(_, factor)| factor).sum()
+        },
+    )
+    .timed(rays, transport_time, start.elapsed() - transport_time))
+}
+
+fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Settings) -> Result<FormFactors> {
+    let patches = of.mesh.len();
+    let (bytes, remedy) = match settings.method {
+        Method::Pairs => (
+            ExchangeMatrix::bytes_needed(patches),
+            "raise --max-edge or lower --levels, use --form-factors hemisphere, or --solver \
+             southwell, which stores no matrix",
+        ),
+        Method::Hemisphere => (
+            HemisphereRows::bytes_needed(patches, settings.samples),
+            "lower --samples, raise --max-edge or lower --levels, or use --solver southwell, \
+             which stores no matrix",
+        ),
+    };
+    let what = format!("the form-factor matrix of {patches} patches");
+    memory::check(&what, bytes, settings.memory_limit, remedy)?;
+    Ok(match settings.method {
+        Method::Pairs => FormFactors::Exchange(of.exchange_matrix()),
+        Method::Hemisphere => FormFactors::Rows(of.hemisphere_rows()),
+    })
+}
+
+fn shoot<C: RayCaster>(
+    of: &Estimator<C>,
+    problem: &Problem,
+    settings: &Settings,
+    progress: &ProgressBar,
+) -> Result<Solution> {
+    match settings.method {
+        Method::Pairs => problem.shoot(&PairRows(of), settings.stop, progress),
+        Method::Hemisphere => problem.shoot(&HemisphereSource(of), settings.stop, progress),
+    }
+}
+
+fn row<C: RayCaster>(of: &Estimator<C>, method: Method, i: PatchId) -> Vec<(PatchId, f64)> {
+    match method {
+        Method::Pairs => PairRows(of).row(i),
+        Method::Hemisphere => HemisphereSource(of).row(i),
+    }
+}
+
+/// Adds the direct light to what the solver found, and follows the power.
+fn balance(
+    mesh: &PatchMesh,
+    exitance: &[Rgb64],
+    direct: Option<&[Rgb64]>,
+    solution: Solution,
+    reciprocity_defect: Option<f64>,
+    missing_row_sum: impl Fn(PatchId) -> f64,
+) -> Radiosity {
+    let Solution { mut radiosity, mut irradiance, residuals, mut row_sums } = solution;
+    if let Some(direct) = direct {
+        for i in 0..mesh.len() {
+            radiosity[i] += exitance[i];
+            irradiance[i] += direct[i];
+        }
+    }
+    let square_metres = mesh.scene.metres_per_unit.powi(2);
+    let mut energy =
+        Energy { emitted: Rgb64::ZERO, absorbed: Rgb64::ZERO, escaped: Rgb64::ZERO };
+    for i in 0..mesh.len() {
+        let patch = PatchId(i as u32);
+        let area = mesh.area(patch) * square_metres;
+        // Shooting never needs the row of an emitter whose light was sampled apart.
+        if direct.is_some() && row_sums[i].is_none() && exitance[i] != Rgb64::ZERO {
+            row_sums[i] = Some(missing_row_sum(patch));
+        }
+        energy.emitted += exitance[i] * area;
+        energy.absorbed += (1.0 - mesh.reflectance(patch).as_dvec3()) * irradiance[i] * area;
+        energy.escaped += radiosity[i] * area * row_sums[i].map_or(0.0, |sum| 1.0 - sum);
+    }
+    let known: Vec<f64> = row_sums.into_iter().flatten().collect();
+    Radiosity {
+        radiosity,
+        irradiance,
+        residuals,
+        row_sum_defect: row_sum_defect(&known),
+        reciprocity_defect,
+        energy,
+        rays: 0,
+        transport_time: Duration::ZERO,
+        solve_time: Duration::ZERO,
+    }
+}
+
+impl Radiosity {
+    fn timed(self, rays: u64, transport_time: Duration, solve_time: Duration) -> Self {
+        Radiosity { rays, transport_time, solve_time, ..self }
+    }
+}

@@ -1,0 +1,112 @@
+//! Pictures: rays through the pixels, shaded by the radiosity of what they meet.
+
+pub mod shading;
+pub mod smooth;
+pub mod tone;
+
+use crate::color::Rgb;
+use crate::geometry::{Hit, Ray, RayCaster};
+use crate::patches::PatchMesh;
+use crate::sampling::{PointSet, Purpose, Stream};
+use crate::scene::Camera;
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+use shading::{Shading, SurfacePoint};
+
+/// Linear radiance in W·sr⁻¹·m⁻², row by row from the top left.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    pub width: u32,
+    pub height: u32,
+    pub pixels: Vec<Rgb>,
+}
+
+/// What to draw.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame {
+    pub width: u32,
+    pub height: u32,
+    /// Samples a pixel.
+    pub samples: u32,
+    pub seed: u64,
+}
+
+impl Frame {
+    pub fn rays(&self) -> u64 {
+        self.width as u64 * self.height as u64 * self.samples as u64
+    }
+}
+
+/// Draws one image per shading, all from the same rays.
+///
+/// The samples of a pixel are stratified over its square and averaged: a box filter. Rays that
+/// leave the scene or meet the back of a one-sided triangle are black.
+pub fn render(
+    caster: &impl RayCaster,
+    mesh: &PatchMesh,
+    camera: &Camera,
+    frame: &Frame,
+    shadings: &[&dyn Shading],
+    progress: &ProgressBar,
+) -> Vec<Image> {
+    let row_length = frame.width as usize * shadings.len();
+    progress.set_length(frame.height as u64);
+    let mut rows = vec![Rgb::ZERO; row_length * frame.height as usize];
+    rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
+        Work::default,
+        |work, (y, row)| {
+            for (x, pixel) in row.chunks_mut(shadings.len()).enumerate() {
+                work.draw(caster, mesh, camera, frame, (x, y), shadings, pixel);
+            }
+            progress.inc(1);
+        },
+    );
+    (0..shadings.len())
+        .map(|s| Image {
+            width: frame.width,
+            height: frame.height,
+            pixels: rows.iter().skip(s).step_by(shadings.len()).copied().collect(),
+        })
+        .collect()
+}
+
+/// One thread's buffers.
+#[derive(Default)]
+struct Work {
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+}
+
+impl Work {
+    /// Sets `pixel` to the mean radiance of its samples, one entry per shading.
+    #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once a pixel")]
+    fn draw(
+        &mut self,
+        caster: &impl RayCaster,
+        mesh: &PatchMesh,
+        camera: &Camera,
+        frame: &Frame,
+        (x, y): (usize, usize),
+        shadings: &[&dyn Shading],
+        pixel: &mut [Rgb],
+    ) {
+        let (width, height) = (frame.width as f32, frame.height as f32);
+        let number = y as u64 * frame.width as u64 + x as u64;
+        let stream = Stream::new(frame.seed, Purpose::Pixel, number, PointSet::Sobol);
+        self.rays.clear();
+        self.rays.extend((0..frame.samples).map(|k| {
+            let [dx, dy, ..] = stream.point(k);
+            camera.ray((x as f32 + dx) / width, (y as f32 + dy) / height, width / height)
+        }));
+        caster.nearest_batch(&self.rays, &mut self.hits);
+        for (ray, hit) in self.rays.iter().zip(&self.hits) {
+            let Some(point) = hit.and_then(|hit| SurfacePoint::hit(mesh, ray, &hit)) else {
+                continue;
+            };
+            for (sum, shading) in pixel.iter_mut().zip(shadings) {
+                *sum += shading.radiance(&point);
+            }
+        }
+        pixel.iter_mut().for_each(|sum| *sum /= frame.samples as f32);
+    }
+}

@@ -1,0 +1,292 @@
+//! The TOML description of a scene: its models, its camera, and defaults for the picture.
+
+use super::{Camera, Material};
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use glam::Vec3;
+use serde::Deserialize;
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+
+/// What a description file says. A bare model is a description that says only its name.
+#[derive(Debug, Clone)]
+pub struct Description {
+    /// The description file, or the bare model.
+    pub file: PathBuf,
+    pub title: String,
+    /// At least one OBJ file, with the description's folder put before relative names.
+    pub models: Vec<PathBuf>,
+    pub metres_per_unit: f64,
+    /// `None`: to be fitted to the scene.
+    pub camera: Option<Camera>,
+    pub image: ImageDefaults,
+    pub patches: PatchDefaults,
+    materials: BTreeMap<String, MaterialOverride>,
+}
+
+/// Defaults that command-line flags override.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageDefaults {
+    /// Width and height in pixels.
+    pub size: Option<[u32; 2]>,
+    /// Samples a pixel.
+    pub samples: Option<u32>,
+    /// Factor from radiance to display-linear values; 1 is white.
+    pub exposure: Option<f32>,
+}
+
+/// Defaults for the subdivision that command-line flags override.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PatchDefaults {
+    pub levels: Option<u32>,
+    pub max_edge: Option<f32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    title: Option<String>,
+    models: Vec<PathBuf>,
+    metres_per_unit: Option<f64>,
+    camera: Option<CameraTable>,
+    #[serde(default)]
+    image: ImageDefaults,
+    #[serde(default)]
+    patches: PatchDefaults,
+    #[serde(default)]
+    materials: BTreeMap<String, MaterialOverride>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraTable {
+    position: Vec3Array,
+    look_at: Vec3Array,
+    #[serde(default = "up")]
+    up: Vec3Array,
+    #[serde(default = "vertical_fov")]
+    vertical_fov: f32,
+    #[serde(default)]
+    near: f32,
+}
+
+type Vec3Array = [f32; 3];
+
+fn up() -> Vec3Array {
+    [0.0, 1.0, 0.0]
+}
+
+fn vertical_fov() -> f32 {
+    40.0
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialOverride {
+    reflectance: Option<Vec3Array>,
+    radiance: Option<Vec3Array>,
+    two_sided: Option<bool>,
+}
+
+impl Description {
+    /// Reads a `.toml` description, or makes one for a bare `.obj`.
+    ///
+    /// # Errors
+    /// A file that cannot be read, a name with another ending, TOML that is malformed or says
+    /// something unknown (with its line), values out of their ranges.
+    pub fn load(path: &Path) -> Result<Description> {
+        let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        match extension.as_deref() {
+            Some("toml") => Description::read(path),
+            Some("obj") => Ok(Description::bare(path)),
+            _ => Err(Error::new("this is neither a scene description nor a model")
+                .in_file(path)
+                .remedy("name a .toml description or an .obj model")),
+        }
+    }
+
+    fn bare(model: &Path) -> Description {
+        Description {
+            file: model.to_path_buf(),
+            title: title_from(model),
+            models: vec![model.to_path_buf()],
+            metres_per_unit: 1.0,
+            camera: None,
+            image: ImageDefaults::default(),
+            patches: PatchDefaults::default(),
+            materials: BTreeMap::new(),
+        }
+    }
+
+    fn read(path: &Path) -> Result<Description> {
+        let text =
+            std::fs::read_to_string(path).map_err(|e| Error::io(path, "read the description", &e))?;
+        let file: File = toml::from_str(&text).map_err(|e| toml_error(path, &text, &e))?;
+        Description::check(path, file).map_err(|e| e.in_file(path))
+    }
+
+    fn check(path: &Path, file: File) -> Result<Description> {
+        if file.models.is_empty() {
+            return Err(Error::new("the description names no model")
+                .remedy("list one or more OBJ files: models = [\"room.obj\"]"));
+        }
+        let metres_per_unit = file.metres_per_unit.unwrap_or(1.0);
+        if !(metres_per_unit > 0.0 && metres_per_unit.is_finite()) {
+            return Err(Error::new(format!("metres_per_unit is {metres_per_unit}"))
+                .remedy("give a positive number: 0.001 for millimetres"));
+        }
+        for (name, material) in &file.materials {
+            material.check(name)?;
+        }
+        let camera = file.camera.map(|c| {
+            let [position, look_at, up] = [c.position, c.look_at, c.up].map(Vec3::from);
+            Camera::new(position, look_at, up, c.vertical_fov, c.near)
+        });
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Ok(Description {
+            file: path.to_path_buf(),
+            title: file.title.unwrap_or_else(|| title_from(path)),
+            models: file.models.iter().map(|model| folder.join(model)).collect(),
+            metres_per_unit,
+            camera: camera.transpose()?,
+            image: file.image,
+            patches: file.patches,
+            materials: file.materials,
+        })
+    }
+
+    /// Names of the materials whose reflectance the description replaces, so that the model's own
+    /// value need not be a possible one.
+    pub fn overridden_reflectances(&self) -> HashSet<String> {
+        let replaced = self.materials.iter().filter(|(_, m)| m.reflectance.is_some());
+        replaced.map(|(name, _)| name.clone()).collect()
+    }
+
+    /// Replaces what `[materials.NAME]` tables say.
+    ///
+    /// # Errors
+    /// A name that no model's material has.
+    pub fn override_materials(&self, materials: &mut [Material]) -> Result<()> {
+        for (name, change) in &self.materials {
+            let mut found = false;
+            for material in materials.iter_mut().filter(|m| &m.name == name) {
+                found = true;
+                change.apply(material);
+            }
+            if !found {
+                let known: Vec<&str> = materials.iter().map(|m| m.name.as_str()).collect();
+                return Err(Error::new(format!("[materials.{name}] matches no material"))
+                    .in_file(&self.file)
+                    .remedy(format!("the models have: {}", known.join(", "))));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl MaterialOverride {
+    fn check(&self, name: &str) -> Result<()> {
+        let bad = |what: &str, range: &str| {
+            Err(Error::new(format!("[materials.{name}]: {what} is outside {range}"))
+                .remedy("real surfaces reflect less than 0.95 and emit nothing negative"))
+        };
+        if self.reflectance.is_some_and(|r| !r.iter().all(|x| (0.0..1.0).contains(x))) {
+            return bad("reflectance", "[0, 1)");
+        }
+        if self.radiance.is_some_and(|r| !r.iter().all(|x| *x >= 0.0 && x.is_finite())) {
+            return bad("radiance", "[0, ∞)");
+        }
+        Ok(())
+    }
+
+    fn apply(&self, material: &mut Material) {
+        if let Some(reflectance) = self.reflectance {
+            material.reflectance = Rgb::from(reflectance);
+        }
+        if let Some(radiance) = self.radiance {
+            material.radiance = Rgb::from(radiance);
+        }
+        if let Some(two_sided) = self.two_sided {
+            material.two_sided = two_sided;
+        }
+    }
+}
+
+fn title_from(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn toml_error(path: &Path, text: &str, error: &toml::de::Error) -> Error {
+    let here = Error::new(error.message().trim()).in_file(path);
+    let here = match error.span() {
+        Some(span) => here.at_line(1 + text[..span.start].matches('\n').count()),
+        None => here,
+    };
+    here.remedy("the README's section on scene descriptions lists every key")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Description> {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, text).expect("a file");
+        Description::load(&path)
+    }
+
+    const GOOD: &str = "models = ['a.obj']\n[camera]\nposition = [0, 0, 1]\nlook_at = [0, 0, 0]\n";
+
+    #[test]
+    fn integers_serve_as_numbers_and_paths_are_relative_to_the_file() {
+        let description = parse(GOOD).expect("a good description");
+        assert!(description.camera.is_some());
+        assert_eq!(description.models[0].file_name().unwrap(), "a.obj");
+        assert!(description.models[0].parent().unwrap().is_absolute());
+    }
+
+    #[test]
+    fn an_unknown_key_names_its_line() {
+        let error = parse(&format!("{GOOD}colour = 3\n")).unwrap_err().to_string();
+        assert!(error.contains("scene.toml:5:") && error.contains("colour"), "{error}");
+    }
+
+    #[test]
+    fn impossible_values_are_refused() {
+        for bad in [
+            "models = []",
+            "models = ['a.obj']\nmetres_per_unit = 0",
+            "models = ['a.obj']\nmetres_per_unit = nan",
+            "models = ['a.obj']\n[camera]\nposition = [0,0,0]\nlook_at = [0,0,0]",
+            "models = ['a.obj']\n[camera]\nposition = [nan,0,0]\nlook_at = [0,0,1]",
+            "models = ['a.obj']\n[materials.x]\nreflectance = [1, 0, 0]",
+            "models = ['a.obj']\n[materials.x]\nradiance = [-1, 0, 0]",
+            "models = 3",
+            "models = ['a.obj'",
+        ] {
+            let error = parse(bad).expect_err(bad).to_string();
+            assert!(error.contains("scene.toml") && error.contains("help:"), "{bad}: {error}");
+        }
+    }
+
+    #[test]
+    fn an_override_must_find_its_material() {
+        let description = parse("models = ['a.obj']\n[materials.lamp]\nradiance = [1, 2, 3]\n")
+            .expect("a good description");
+        let mut materials = vec![Material { name: "lamp".into(), ..Material::fallback() }];
+        description.override_materials(&mut materials).expect("the material is there");
+        assert_eq!(materials[0].radiance, Rgb::new(1.0, 2.0, 3.0));
+        assert_eq!(materials[0].reflectance, Material::fallback().reflectance);
+        assert!(description.override_materials(&mut [Material::fallback()]).is_err());
+    }
+
+    #[test]
+    fn other_endings_are_refused() {
+        for name in ["scene.ply", "scene", ""] {
+            assert!(Description::load(Path::new(name)).is_err(), "{name}");
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! The scene: triangles, materials, and what a description file says about looking at them.
+
+pub mod camera;
+pub mod description;
+pub mod inspect;
+pub mod material;
+mod mtl_check;
+mod mtl_files;
+mod mtl_materials;
+pub mod obj;
+mod obj_check;
+mod obj_left_aside;
+mod text;
+pub mod topology;
+mod triangulate;
+
+use crate::error::{Error, Result, Warning};
+use crate::geometry::bounds::Bounds;
+use crate::geometry::{Triangle, TriangleId};
+pub use camera::Camera;
+pub use description::Description;
+pub use material::{Material, MaterialId};
+use std::path::Path;
+
+/// Triangles with their materials, all of them with an area above zero.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    pub triangles: Vec<Triangle>,
+    /// One per triangle.
+    pub material_of: Vec<MaterialId>,
+    pub materials: Vec<Material>,
+    /// Triangles without area, left out of everything.
+    pub degenerate: usize,
+    /// Length of a unit of the coordinates.
+    pub metres_per_unit: f64,
+    pub warnings: Vec<Warning>,
+}
+
+impl Scene {
+    /// A scene from triangles in memory; those without area are counted and left out.
+    ///
+    /// # Panics
+    /// If the lists differ in length or a material does not exist.
+    pub fn new(
+        triangles: Vec<Triangle>,
+        material_of: Vec<MaterialId>,
+        materials: Vec<Material>,
+    ) -> Self {
+        assert_eq!(triangles.len(), material_of.len(), "one material per triangle");
+        assert!(material_of.iter().all(|m| (m.0 as usize) < materials.len()), "unknown material");
+        let before = triangles.len();
+        let (triangles, material_of): (Vec<_>, Vec<_>) =
+            triangles.into_iter().zip(material_of).filter(|(t, _)| t.area() > 0.0).unzip();
+        Scene {
+            degenerate: before - triangles.len(),
+            triangles,
+            material_of,
+            materials,
+            metres_per_unit: 1.0,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Reads the models that a description names, applies its material overrides, and checks that
+    /// the result can be lit.
+    ///
+    /// # Errors
+    /// Whatever is wrong with a file, or no triangle with an area, or coordinates so large or so
+    /// small that f32 products would leave their range.
+    pub fn load(description: &Description) -> Result<Scene> {
+        let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
+        let mut warnings = Vec::new();
+        let replaced = description.overridden_reflectances();
+        for path in &description.models {
+            let model = obj::load_with_overrides(path, |name| replaced.contains(name))?;
+            let offset = materials.len() as u32;
+            triangles.extend(model.triangles.into_iter().map(|p| Triangle { p }));
+            material_of.extend(model.material_of.iter().map(|m| MaterialId(m.0 + offset)));
+            materials.extend(model.materials);
+            warnings.extend(model.warnings);
+        }
+        description.override_materials(&mut materials)?;
+
+        let mut scene = Scene::new(triangles, material_of, materials);
+        scene.metres_per_unit = description.metres_per_unit;
+        if scene.degenerate > 0 {
+            warnings.push(Warning::new(format!(
+                "{} of {} triangles have no area and are left out",
+                scene.degenerate,
+                scene.degenerate + scene.triangles.len()
+            )));
+        }
+        scene.warnings = warnings;
+        scene.check_extent(&description.file)?;
+        Ok(scene)
+    }
+
+    pub fn material(&self, triangle: TriangleId) -> &Material {
+        &self.materials[self.material_of[triangle.index()].0 as usize]
+    }
+
+    pub fn bounds(&self) -> Bounds {
+        self.triangles.iter().flat_map(|t| t.p).collect()
+    }
+
+    /// Sum of the triangles' areas, in square units.
+    pub fn area(&self) -> f64 {
+        self.triangles.iter().map(Triangle::area).sum()
+    }
+
+    /// Whether any triangle emits light.
+    pub fn emits(&self) -> bool {
+        self.material_of.iter().any(|m| self.materials[m.0 as usize].emits())
+    }
+
+    /// A kernel multiplies three lengths, so their cubes must be normal f32 numbers.
+    fn check_extent(&self, file: &Path) -> Result<()> {
+        if self.triangles.is_empty() {
+            return Err(Error::new("the scene has no triangle with an area above zero")
+                .in_file(file)
+                .remedy("check the model's faces; `isolux info` counts what was found"));
+        }
+        let largest = self.triangles.iter().map(Triangle::longest_edge).fold(0.0, f64::max);
+        if !(1e-9..=1e12).contains(&largest) {
+            return Err(Error::new(format!(
+                "the longest edge is {largest:e} units, outside 1e-9 to 1e12"
+            ))
+            .in_file(file)
+            .remedy("rescale the model; single precision cannot trace it"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn triangles_without_area_are_counted_and_left_out() {
+        let good = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
+        let line = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::X * 3.0);
+        let scene = Scene::new(
+            vec![line, good, line],
+            vec![MaterialId(0); 3],
+            vec![Material::fallback()],
+        );
+        assert_eq!(scene.triangles, [good]);
+        assert_eq!(scene.degenerate, 2);
+    }
+}

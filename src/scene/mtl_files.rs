@@ -1,0 +1,76 @@
+//! Finds and reads the MTL files that an OBJ file asks for.
+
+use std::collections::HashSet;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::mtl_check::Library;
+use super::obj_check::{CheckedObj, Named};
+use super::obj_left_aside::default_stated;
+use super::text::{decode, quote, read_bytes, words};
+use crate::error::{Result, Warning};
+
+/// Reads the materials of the OBJ file at `path`; warnings are added to those of `obj`.
+///
+/// A file that cannot be read is a warning, a file with a malformed line an error. A material that
+/// faces use and no file defines is added without values, and is a warning.
+pub(super) fn read_library(path: &Path, obj: &mut CheckedObj) -> Result<Library> {
+    let mut library = Library::default();
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut seen = HashSet::new();
+    for asked in &obj.libraries {
+        for file in files_of(folder, &asked.name) {
+            if !seen.insert(file.clone()) {
+                continue;
+            }
+            match read_bytes(&file) {
+                Ok(bytes) => {
+                    library.add(&file, &decode(bytes, &file, "MTL")?, &mut obj.warnings)?;
+                }
+                Err(error) => obj.warnings.push(unreadable(path, asked, &file, &error)),
+            }
+        }
+    }
+    for material in &obj.materials {
+        if !library.contains(&material.name) {
+            library.add_undefined(&material.name);
+            obj.warnings.push(undefined(path, material));
+        }
+    }
+    Ok(library)
+}
+
+/// The files that `names` means. OBJ separates file names by blanks, yet many exporters write one
+/// name that has blanks in it: if there is such a file, it is the one meant.
+fn files_of(folder: &Path, names: &str) -> Vec<PathBuf> {
+    let whole = locate(folder, names);
+    if whole.is_file() {
+        return vec![whole];
+    }
+    let parts: Vec<PathBuf> = words(names).map(|name| locate(folder, name)).collect();
+    if parts.iter().any(|part| part.is_file()) { parts } else { vec![whole] }
+}
+
+/// Where `name` is, relative to the OBJ file's folder. Exporters on Windows separate folders by
+/// backslashes.
+fn locate(folder: &Path, name: &str) -> PathBuf {
+    let plain = folder.join(name);
+    let slashed = folder.join(name.replace('\\', "/"));
+    if !plain.is_file() && slashed.is_file() { slashed } else { plain }
+}
+
+fn unreadable(obj: &Path, asked: &Named, file: &Path, error: &io::Error) -> Warning {
+    let file = quote(&file.to_string_lossy());
+    let text = format!(
+        "cannot read the material file {file}: {error}; faces with its materials get {}",
+        default_stated()
+    );
+    Warning::in_file(obj, Some(asked.line), text)
+}
+
+fn undefined(obj: &Path, material: &Named) -> Warning {
+    let name = quote(&material.name);
+    let text =
+        format!("no MTL file defines the material {name}: its faces get {}", default_stated());
+    Warning::in_file(obj, Some(material.line), text)
+}

@@ -1,0 +1,298 @@
+//! Loads a Wavefront OBJ model and its MTL materials.
+//!
+//! `tobj` reads both formats. Before it does, every line is checked, so that what is malformed is
+//! told with its line; afterwards polygons are cut into triangles and materials are judged.
+
+use std::io::Read;
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::material::{Material, MaterialId};
+use super::mtl_check::Library;
+use super::mtl_files::read_library;
+use super::mtl_materials::{Role, materials};
+use super::obj_check::{CheckedObj, check_obj};
+use super::text::{decode, read_bytes};
+use super::triangulate::Triangulator;
+use crate::error::{Error, Result, Warning};
+
+/// A model as it was read, in the unit of length of the file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// In file order, counter-clockwise as seen from the front; never empty. Coordinates are
+    /// finite and at most 1e12. Triangles without area are still among them.
+    pub triangles: Vec<[Vec3; 3]>,
+    /// For each triangle, the index of its material.
+    pub material_of: Vec<MaterialId>,
+    /// Those of the MTL files, used or not; then those that only the OBJ file names; last the
+    /// default, if a face has no material at all.
+    pub materials: Vec<Material>,
+    pub warnings: Vec<Warning>,
+}
+
+/// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
+///
+/// Fails if a file is malformed (with the line), if the OBJ file cannot be read or has no faces, or
+/// if a material that a face uses has Kd outside [0, 1) or a negative Ke. What has a sensible
+/// default, such as a missing MTL file, is a warning of the model instead.
+pub fn load(path: &Path) -> Result<Model> {
+    load_with_overrides(path, |_| false)
+}
+
+/// Like [`load`], for a scene description that overrides the reflectance of the materials whose
+/// name `overrides`: their Kd may be missing or out of range, and is then a placeholder.
+pub fn load_with_overrides(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
+    if path.as_os_str().is_empty() {
+        return Err(Error::new("the path of the model is empty").remedy("name an OBJ file"));
+    }
+    let bytes = read_bytes(path).map_err(|error| {
+        Error::io(path, "read the model", &error).remedy("check the path and its permissions")
+    })?;
+    let mut obj = check_obj(path, &decode(bytes, path, "OBJ")?)?;
+    let library = read_library(path, &mut obj)?;
+    let mut warnings = std::mem::take(&mut obj.warnings);
+
+    let (meshes, read) = run_tobj(path, &obj, &library)?;
+    drop(obj);
+    let (triangles, material_of) = triangles_of(meshes, read.len());
+    let mut used = vec![false; read.len() + 1];
+    material_of.iter().for_each(|id| used[id.0 as usize] = true);
+    let role = |i: usize| Role { used: used[i], replaced: overrides(&library.entries[i].name) };
+    let mut materials = materials(&library, &read, role, &mut warnings)?;
+    if used[read.len()] {
+        materials.push(Material::fallback());
+    }
+    Ok(Model { triangles, material_of, materials, warnings })
+}
+
+/// Lets `tobj` read the checked text. The materials are those of `library`, in the same order.
+fn run_tobj(
+    path: &Path,
+    obj: &CheckedObj,
+    library: &Library,
+) -> Result<(Vec<tobj::Model>, Vec<tobj::Material>)> {
+    let mtl = library.text();
+    // tobj wants a vertex before the end of the group that uses it, and a material before its
+    // `usemtl`. OBJ asks for neither order, so materials and vertices are read first.
+    let mut text = "mtllib checked\n".as_bytes().chain(obj.vertices.as_bytes());
+    let mut text = (&mut text).chain(obj.faces.as_bytes());
+    let polygons_kept = tobj::LoadOptions::default();
+    let read_mtl = |_: &Path| tobj::load_mtl_buf(&mut mtl.as_bytes());
+    let unexpected =
+        |error: tobj::LoadError| Error::new(format!("tobj cannot read it: {error}")).in_file(path);
+    let (meshes, materials) =
+        tobj::load_obj_buf(&mut text, &polygons_kept, read_mtl).map_err(unexpected)?;
+    Ok((meshes, materials.map_err(unexpected)?))
+}
+
+/// Cuts the polygons of all meshes into triangles. Faces without a material get `default`.
+fn triangles_of(meshes: Vec<tobj::Model>, default: usize) -> (Vec<[Vec3; 3]>, Vec<MaterialId>) {
+    let (mut triangles, mut material_of) = (Vec::new(), Vec::new());
+    let mut triangulator = Triangulator::new();
+    let mut polygon = Vec::new();
+    for tobj::Model { mesh, .. } in meshes {
+        let corner = |index: &u32| Vec3::from_slice(&mesh.positions[3 * *index as usize..]);
+        let mut arities = mesh.face_arities.iter();
+        let mut corners = mesh.indices.as_slice();
+        while !corners.is_empty() {
+            // tobj leaves the arities away where all faces are triangles.
+            let arity = arities.next().map_or(3, |arity| *arity as usize);
+            let (face, others) = corners.split_at(arity);
+            polygon.clear();
+            polygon.extend(face.iter().map(corner));
+            triangulator.triangulate(&polygon, &mut triangles);
+            corners = others;
+        }
+        let material = MaterialId(mesh.material_id.unwrap_or(default) as u32);
+        material_of.resize(triangles.len(), material);
+    }
+    (triangles, material_of)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::color::Rgb;
+
+    const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+    /// Writes the files into an empty folder and loads `a.obj` from there. Messages name the files
+    /// without the folder.
+    fn load_files(files: &[(&str, &[u8])]) -> std::result::Result<(Model, Vec<String>), String> {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in files {
+            fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        let prefix = format!("{}/", folder.path().display());
+        let told = |message: String| message.replace(&prefix, "");
+        let model = load(&folder.path().join("a.obj")).map_err(|error| told(error.to_string()))?;
+        let warnings = model.warnings.iter().map(|warning| told(warning.to_string())).collect();
+        Ok((model, warnings))
+    }
+
+    fn load_obj(text: &str) -> std::result::Result<(Model, Vec<String>), String> {
+        load_files(&[("a.obj", text.as_bytes())])
+    }
+
+    fn with_mtl(obj: &str, mtl: &str) -> std::result::Result<(Model, Vec<String>), String> {
+        let obj = format!("mtllib a.mtl\n{obj}");
+        load_files(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl.as_bytes())])
+    }
+
+    fn names(model: &Model) -> Vec<&str> {
+        model.materials.iter().map(|material| material.name.as_str()).collect()
+    }
+
+    #[test]
+    fn materials_follow_the_faces_through_groups_in_file_order() {
+        let obj = format!("{TRIANGLE}usemtl b\ng x\nf 1 2 3\nf 2 3 1\no y\nusemtl a\nf 3 2 1\n");
+        let (model, warnings) =
+            with_mtl(&obj, "newmtl a\nKd 0.1\nnewmtl b\nKd 0.2\nKe 3\n").unwrap();
+        assert_eq!(model.material_of, [2, 1, 1, 0].map(MaterialId));
+        assert_eq!(names(&model), ["a", "b", "default"]);
+        assert_eq!(model.materials[1].radiance, Rgb::splat(3.0));
+        assert_eq!(model.triangles[2], [Vec3::X, Vec3::Y, Vec3::ZERO]);
+        assert_eq!(model.triangles[3], [Vec3::Y, Vec3::X, Vec3::ZERO]);
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+    }
+
+    #[test]
+    fn materials_and_vertices_may_come_after_the_faces_that_use_them() {
+        let obj = "o x\nusemtl a\nf 1 2 3\no y\nf 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\nmtllib a.mtl\n";
+        let files: [(&str, &[u8]); 2] = [("a.obj", obj.as_bytes()), ("a.mtl", b"newmtl a\nKd 0.1")];
+        let (model, warnings) = load_files(&files).unwrap();
+        assert_eq!(model.triangles, [[Vec3::ZERO, Vec3::X, Vec3::Y]; 2]);
+        assert_eq!(model.materials[0].reflectance, Rgb::splat(0.1));
+        assert!(warnings.is_empty(), "{warnings:?}");
+    }
+
+    #[test]
+    fn windows_lines_weights_colours_and_foreign_comments_are_read() {
+        let obj = b"\xef\xbb\xbf# caf\xe9\r\nv 0 0 0 1 1 1\r\nv 2 0 0 2\r\nv 0 1 0\r\nf 1// 2/1 \\\r\n3\r\n";
+        let (model, _) = load_files(&[("a.obj", obj)]).unwrap();
+        assert_eq!(model.triangles, [[Vec3::ZERO, Vec3::X, Vec3::Y]]);
+    }
+
+    #[test]
+    fn polygons_become_triangles_of_the_same_material() {
+        let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl a\nf 1 2 3 4\nf 1 2 3\n";
+        let (model, _) = with_mtl(obj, "newmtl a\nKd 0.1").unwrap();
+        assert_eq!(model.triangles.len(), 3);
+        assert_eq!(model.material_of, [MaterialId(0); 3]);
+    }
+
+    #[test]
+    fn several_libraries_and_names_with_blanks_are_found() {
+        let obj =
+            format!("mtllib b.mtl c.mtl\nmtllib my lib.mtl\nmtllib .\\d.mtl b.mtl\n{TRIANGLE}");
+        let (model, warnings) = load_files(&[
+            ("a.obj", obj.as_bytes()),
+            ("b.mtl", b"newmtl b"),
+            ("c.mtl", b"newmtl c"),
+            ("d.mtl", b"newmtl d"),
+            ("my lib.mtl", b"newmtl my material"),
+        ])
+        .unwrap();
+        assert_eq!(names(&model), ["b", "c", "my material", "d", "default"]);
+        assert_eq!(warnings.len(), 1, "b.mtl is not read twice: {warnings:?}");
+    }
+
+    #[test]
+    fn a_missing_library_and_its_materials_are_warnings() {
+        let obj = "mtllib no such.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\nusemtl red\nf 1 2 3\n";
+        let (model, warnings) = load_obj(obj).unwrap();
+        assert_eq!(model.materials, [Material { name: "red".into(), ..Material::fallback() }]);
+        assert_eq!(
+            warnings,
+            [
+                "a.obj:1: cannot read the material file `no such.mtl`: No such file or directory \
+                 (os error 2); faces with its materials get the default material, reflectance 0.5",
+                "a.obj:5: no MTL file defines the material `red`: its faces get the default \
+                 material, reflectance 0.5",
+            ]
+        );
+    }
+
+    #[test]
+    fn a_reflectance_out_of_range_matters_only_in_a_used_material() {
+        let mtl = "newmtl white\nKd 1 1 1\n";
+        let error = with_mtl(&format!("usemtl white\n{TRIANGLE}"), mtl).unwrap_err();
+        assert!(error.starts_with("a.mtl:2: Kd 1 1 1 of material `white`"), "{error}");
+        let (model, warnings) = with_mtl(TRIANGLE, mtl).unwrap();
+        assert_eq!(model.materials[0].reflectance, Rgb::splat(0.5));
+        assert!(warnings.iter().any(|warning| warning.contains("no face uses it")));
+    }
+
+    #[test]
+    fn a_reflectance_out_of_range_may_be_overridden() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        fs::write(&path, format!("mtllib a.mtl\nusemtl white\n{TRIANGLE}")).unwrap();
+        fs::write(folder.path().join("a.mtl"), "newmtl white\nKd 1\n").unwrap();
+        assert!(load_with_overrides(&path, |name| name == "red").is_err());
+        assert!(load_with_overrides(&path, |name| name == "white").is_ok());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_a_model_says_why() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = |path: &Path| load(path).unwrap_err().to_string();
+        assert!(message(Path::new("")).starts_with("the path of the model is empty"));
+        assert!(message(folder.path()).contains("it is a directory"));
+        assert!(message(&folder.path().join("none.obj")).contains("No such file"));
+        assert!(load_obj("").unwrap_err().starts_with("a.obj: the file contains no faces"));
+        assert!(load_obj("glTF\0\0").unwrap_err().contains("does not look like an OBJ file"));
+        assert!(with_mtl(TRIANGLE, "\0").unwrap_err().contains("does not look like an MTL file"));
+    }
+
+    /// Marsaglia's xorshift64: enough disorder for a test, the same in every run.
+    fn random(state: &mut u64, below: usize) -> usize {
+        *state ^= *state << 13;
+        *state ^= *state >> 7;
+        *state ^= *state << 17;
+        (*state % below as u64) as usize
+    }
+
+    /// Overwrites, doubles or deletes a few stretches, with bytes that mean something to a reader.
+    fn mutate(bytes: &mut Vec<u8>, state: &mut u64) {
+        const TELLING: &[u8] = b"\0\n\r\t \\/#-+.019eEnvfmKl\xff\xe9naninf";
+        for _ in 0..=random(state, 6) {
+            let start = random(state, bytes.len());
+            let end = (start + random(state, 12)).min(bytes.len());
+            match random(state, 3) {
+                0 => bytes[start] = TELLING[random(state, TELLING.len())],
+                1 => drop(bytes.splice(start..start, bytes[start..end].to_vec())),
+                _ if end - start < bytes.len() => drop(bytes.drain(start..end)),
+                _ => {}
+            }
+        }
+    }
+
+    #[test]
+    fn no_mutation_of_a_model_makes_the_loader_panic() {
+        let obj =
+            b"mtllib a.mtl\no x\nv 0 0 0\nv 3 0 0 1\nv 3 1 0 1 1 1\nv 1 1 0\nv 1 4 0\nv 0 4 .1\n\
+                    vt 0 0\nvn 0 0 1\nusemtl a b\nf 1/1/1 2//1 3 4 \\\n 5 6\nf -1 -2 -3 # x\n\
+                    usemtl c\nl 1 2\ng y\nf 2 3 1 4\nf 3 4 1 6 2\n";
+        let mtl = b"# m\nnewmtl a b\nKd 0.5\nKe 1 2 3\nmap_Kd x.png\nnewmtl c\nKd .1 .2 .3\nd 1\n";
+        let folder = tempfile::tempdir().unwrap();
+        let (path, mtl_path) = (folder.path().join("a.obj"), folder.path().join("a.mtl"));
+        let (mut state, mut loaded, rounds) = (0x9e37_79b9_7f4a_7c15, 0, 4000);
+        for _ in 0..rounds {
+            let (mut obj, mut mtl) = (obj.to_vec(), mtl.to_vec());
+            mutate(&mut obj, &mut state);
+            mutate(&mut mtl, &mut state);
+            fs::write(&path, obj).unwrap();
+            fs::write(&mtl_path, mtl).unwrap();
+            let Ok(model) = load(&path) else { continue };
+            loaded += 1;
+            assert!(model.triangles.as_flattened().iter().all(|corner| corner.is_finite()));
+            assert_eq!(model.triangles.len(), model.material_of.len());
+            assert!(model.material_of.iter().all(|id| (id.0 as usize) < model.materials.len()));
+        }
+        assert!((rounds / 20..rounds * 19 / 20).contains(&loaded), "{loaded} of {rounds} loaded");
+    }
+}

@@ -1,0 +1,183 @@
+//! Model files as text: whatever the bytes are, out come numbered lines, words and finite numbers.
+
+use std::borrow::Cow;
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Largest magnitude that a number of a model may have. Products of a few such numbers, as in the
+/// form-factor kernel, still fit into `f32`.
+pub(super) const LARGEST: f32 = 1e12;
+
+/// A file of this kind shows within so many bytes that it is not text.
+const HEAD: usize = 4096;
+
+/// The bytes of a regular file. Directories are refused, and pipes and devices too, since reading
+/// one of those may never end.
+pub(super) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+    let kind = fs::metadata(path)?;
+    if kind.is_dir() {
+        return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory"));
+    }
+    if !kind.is_file() {
+        return Err(io::Error::other("it is not a regular file"));
+    }
+    fs::read(path)
+}
+
+/// The text in `bytes`; `format` is the name for the error message, "OBJ" or "MTL".
+///
+/// Bytes that are not UTF-8, as in the comments of old exporters, become U+FFFD. Fails where the
+/// beginning is binary.
+pub(super) fn decode(bytes: Vec<u8>, path: &Path, format: &str) -> Result<String> {
+    if is_binary(&bytes[..bytes.len().min(HEAD)]) {
+        return Err(Error::new(format!("this does not look like an {format} file"))
+            .in_file(path)
+            .remedy(format!("give the path of a Wavefront {format} file, which is UTF-8 text")));
+    }
+    Ok(String::from_utf8(bytes)
+        .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()))
+}
+
+/// The lines of `text`, each with its number from 1. A line that ends in a backslash is joined
+/// with the next one and keeps its own number.
+pub(super) fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    // Classic Mac OS ended its lines with a lone carriage return.
+    let ending = if text.contains('\n') { '\n' } else { '\r' };
+    let mut physical = (1..).zip(text.split(ending));
+    std::iter::from_fn(move || {
+        let (number, first) = physical.next()?;
+        let Some(beginning) = before_backslash(first) else {
+            return Some((number, Cow::Borrowed(first)));
+        };
+        let mut joined = beginning.to_owned();
+        for (_, line) in physical.by_ref() {
+            joined.push(' ');
+            let Some(middle) = before_backslash(line) else {
+                joined.push_str(line);
+                break;
+            };
+            joined.push_str(middle);
+        }
+        Some((number, Cow::Owned(joined)))
+    })
+}
+
+/// Splits `line` into its first word and the trimmed rest; a comment or an empty line has the
+/// first word "".
+pub(super) fn keyword_and_rest(line: &str) -> (&str, &str) {
+    let line = line.trim();
+    if line.starts_with('#') {
+        return ("", "");
+    }
+    let end = line.find(char::is_whitespace).unwrap_or(line.len());
+    (&line[..end], line[end..].trim_start())
+}
+
+/// The words before a comment. A `#` begins a comment only where it begins a word, so that the
+/// `1.#QNAN` of some exporters is not taken for a 1.
+pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
+    rest.split_ascii_whitespace().take_while(|word| !word.starts_with('#'))
+}
+
+/// Reads a finite number. The error lacks file and line; the caller knows them.
+pub(super) fn number(word: &str) -> Result<f32> {
+    match word.parse::<f32>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(Error::new(format!("{} is not a finite number", quote(word)))
+            .remedy("correct the number, or export the model again")),
+        Err(_) => Err(Error::new(format!("{} is not a number", quote(word)))
+            .remedy("write numbers like 1, -0.5 or 2e-3")),
+    }
+}
+
+/// A word of the file for a message: in backticks, without control characters, not too long.
+pub(super) fn quote(word: &str) -> String {
+    const LONGEST: usize = 60;
+    let shown: String = word.escape_debug().take(LONGEST).collect();
+    let ellipsis = if word.chars().nth(LONGEST).is_some() { "…" } else { "" };
+    format!("`{shown}{ellipsis}`")
+}
+
+fn is_binary(head: &[u8]) -> bool {
+    let is_text = |byte: &u8| (b' '..=b'~').contains(byte) || byte.is_ascii_whitespace();
+    let odd = head.iter().filter(|byte| !is_text(byte)).count();
+    head.contains(&0) || 2 * odd > head.len()
+}
+
+/// What stands before the backslash at the end of a continued line. Comments are never continued:
+/// they like to end in the name of a Windows folder.
+fn before_backslash(line: &str) -> Option<&str> {
+    let beginning = line.trim_end().strip_suffix('\\')?;
+    (!beginning.trim_start().starts_with('#')).then_some(beginning)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(text: &str) -> Vec<(usize, String)> {
+        numbered_lines(text).map(|(number, line)| (number, line.trim().to_owned())).collect()
+    }
+
+    #[test]
+    fn a_continued_line_keeps_the_number_of_its_beginning() {
+        let expected = vec![(1, "a  b c".into()), (3, "d".into()), (4, "".into())];
+        assert_eq!(lines("a \\\nb c\nd\n"), expected);
+        assert_eq!(lines("a \\\r\nb c\r\nd\r\n"), expected);
+    }
+
+    #[test]
+    fn a_comment_that_ends_in_a_backslash_does_not_swallow_the_next_line() {
+        assert_eq!(lines("# C:\\\nv 1"), vec![(1, "# C:\\".into()), (2, "v 1".into())]);
+    }
+
+    #[test]
+    fn a_backslash_at_the_end_of_the_file_continues_into_nothing() {
+        assert_eq!(lines("f 1 \\"), vec![(1, "f 1".into())]);
+    }
+
+    #[test]
+    fn byte_order_mark_and_lone_carriage_returns_are_understood() {
+        assert_eq!(lines("\u{feff}a\rb"), vec![(1, "a".into()), (2, "b".into())]);
+    }
+
+    #[test]
+    fn a_comment_begins_only_at_the_beginning_of_a_word() {
+        assert_eq!(words("1 2 # three").collect::<Vec<_>>(), ["1", "2"]);
+        assert_eq!(words("1 1.#QNAN").collect::<Vec<_>>(), ["1", "1.#QNAN"]);
+    }
+
+    #[test]
+    fn infinite_overflowing_and_undefined_numbers_are_refused() {
+        for word in ["inf", "-infinity", "NaN", "1e39", "1,5", "1.#QNAN", "", "0x10"] {
+            assert!(number(word).is_err(), "{word}");
+        }
+        assert_eq!(number("-.5e1"), Ok(-5.0));
+    }
+
+    #[test]
+    fn a_quoted_word_is_short_and_has_no_control_characters() {
+        assert_eq!(quote("a\u{1b}[31m"), "`a\\u{1b}[31m`");
+        assert_eq!(quote(&"x".repeat(1000)).chars().count(), 63);
+        assert_eq!(quote("1.0"), "`1.0`");
+    }
+
+    #[test]
+    fn binary_is_refused_and_a_latin_1_comment_is_not() {
+        let path = Path::new("a.obj");
+        assert!(decode(b"v 1\0".to_vec(), path, "OBJ").is_err());
+        assert!(decode(vec![0x80; 100], path, "OBJ").is_err());
+        let text = decode(b"# caf\xe9\nv 1 2 3\n".to_vec(), path, "OBJ").unwrap();
+        assert_eq!(text, "# caf\u{fffd}\nv 1 2 3\n");
+    }
+
+    #[test]
+    fn a_directory_is_no_model() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(read_bytes(folder.path()).unwrap_err().kind(), io::ErrorKind::IsADirectory);
+    }
+}

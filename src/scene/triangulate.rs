@@ -1,0 +1,192 @@
+//! Cuts a polygon into triangles that face the same way as the polygon does.
+
+use earcut::Earcut;
+use earcut::utils3d::project3d_to_2d;
+use glam::{DVec2, DVec3, Vec3};
+
+/// A triangle of a model, by its corners in counter-clockwise order as seen from the front.
+type Triangle = [Vec3; 3];
+
+/// Cuts polygons into triangles. It keeps its buffers, so use one for many polygons.
+pub(super) struct Triangulator {
+    earcut: Earcut<f64>,
+    /// The polygon, moved to the origin and scaled to about unit size.
+    local: Vec<[f64; 3]>,
+    /// The polygon, projected into its plane.
+    flat: Vec<[f64; 2]>,
+    corners: Vec<u32>,
+}
+
+impl Triangulator {
+    pub(super) fn new() -> Self {
+        Triangulator {
+            earcut: Earcut::new(),
+            local: Vec::new(),
+            flat: Vec::new(),
+            corners: Vec::new(),
+        }
+    }
+
+    /// Appends the triangles of `polygon`, which has at least 3 vertices, to `triangles`.
+    ///
+    /// The polygon may be concave and need not be quite planar. A polygon without area becomes
+    /// triangles without area.
+    pub(super) fn triangulate(&mut self, polygon: &[Vec3], triangles: &mut Vec<Triangle>) {
+        if polygon.len() == 3 || !self.flatten(polygon) || self.fan_fits() {
+            triangles.extend(fan(polygon));
+            return;
+        }
+        self.earcut.earcut(self.flat.iter().copied(), &[], &mut self.corners);
+        if self.corners.is_empty() {
+            triangles.extend(fan(polygon));
+            return;
+        }
+        // Earcut's triangles run counter-clockwise whatever its input, and so does `flat`.
+        let corner = |index: u32| polygon[index as usize];
+        triangles.extend(self.corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]].map(corner)));
+    }
+
+    /// Projects the polygon into its plane, where it runs counter-clockwise; false where its
+    /// Newell normal is zero.
+    fn flatten(&mut self, polygon: &[Vec3]) -> bool {
+        let origin = polygon[0].as_dvec3();
+        let offset = |vertex: &Vec3| vertex.as_dvec3() - origin;
+        let size = polygon.iter().map(|v| offset(v).abs().max_element()).fold(0.0, f64::max);
+        if size == 0.0 {
+            return false;
+        }
+        self.local.clear();
+        self.local.extend(polygon.iter().map(|vertex| DVec3::to_array(&(offset(vertex) / size))));
+        project3d_to_2d(&self.local, self.local.len(), &mut self.flat)
+    }
+
+    /// Whether the fan around the first vertex covers the polygon: that is so if none of its
+    /// triangles is turned over. Convex polygons pass, and concave ones that are star-shaped.
+    fn fan_fits(&self) -> bool {
+        let flat = &self.flat;
+        flat[1..].windows(2).all(|edge| twice_area(flat[0], edge[0], edge[1]) >= 0.0)
+    }
+}
+
+fn fan(polygon: &[Vec3]) -> impl Iterator<Item = Triangle> {
+    polygon[1..].windows(2).map(|edge| [polygon[0], edge[0], edge[1]])
+}
+
+/// Positive if a, b, c run counter-clockwise.
+fn twice_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    let [a, b, c] = [DVec2::from(a), DVec2::from(b), DVec2::from(c)];
+    (b - a).perp_dot(c - a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangulate(polygon: &[Vec3]) -> Vec<Triangle> {
+        let mut triangles = Vec::new();
+        Triangulator::new().triangulate(polygon, &mut triangles);
+        triangles
+    }
+
+    fn area_vector([a, b, c]: Triangle) -> DVec3 {
+        let [a, b, c] = [a.as_dvec3(), b.as_dvec3(), c.as_dvec3()];
+        0.5 * (b - a).cross(c - a)
+    }
+
+    /// Newell: half the sum of the cross products of successive vertices, here seen from the first.
+    fn newell(polygon: &[Vec3]) -> DVec3 {
+        fan(polygon).map(area_vector).sum()
+    }
+
+    /// Area is kept only if the triangles do not overlap, direction only if none is turned over.
+    fn assert_covers(polygon: &[Vec3]) {
+        let triangles = triangulate(polygon);
+        assert_eq!(triangles.len(), polygon.len() - 2);
+        let expected = newell(polygon);
+        let total: DVec3 = triangles.iter().copied().map(area_vector).sum();
+        assert!((total - expected).length() < 1e-5 * expected.length(), "{total} {expected}");
+        let sum_of_areas: f64 = triangles.iter().map(|t| area_vector(*t).length()).sum();
+        assert!((sum_of_areas - expected.length()).abs() < 1e-5 * sum_of_areas, "overlap");
+        for triangle in triangles {
+            assert!(area_vector(triangle).dot(expected) > 0.0, "turned over: {triangle:?}");
+        }
+    }
+
+    /// A letter L, counter-clockwise; its inner corner is hidden from half of its vertices.
+    const L: [[f32; 2]; 6] =
+        [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 4.0], [0.0, 4.0]];
+
+    /// All ways to begin the ring, both windings, in the given plane.
+    fn all_rings(ring: &[[f32; 2]], place: impl Fn(f32, f32) -> Vec3) -> Vec<Vec<Vec3>> {
+        let placed: Vec<Vec3> = ring.iter().map(|&[x, y]| place(x, y)).collect();
+        let mut rings = Vec::new();
+        for start in 0..placed.len() {
+            let mut turned = placed.clone();
+            turned.rotate_left(start);
+            rings.push(turned.clone());
+            turned.reverse();
+            rings.push(turned);
+        }
+        rings
+    }
+
+    #[test]
+    fn a_concave_polygon_is_covered_once_and_keeps_its_winding() {
+        let slanted = |x, y| Vec3::new(x + 10.0, y - 0.3 * x, 0.7 * x + 0.2 * y - 500.0);
+        let planes: [&dyn Fn(f32, f32) -> Vec3; 4] = [
+            &|x, y| Vec3::new(x, y, 2.0),
+            &|x, y| Vec3::new(y, 2.0, x),
+            &|x, y| Vec3::new(2.0, x, y),
+            &slanted,
+        ];
+        for plane in planes {
+            all_rings(&L, plane).iter().for_each(|ring| assert_covers(ring));
+        }
+    }
+
+    #[test]
+    fn a_concave_quad_is_not_cut_across_its_outside() {
+        let arrow = [[0.0, 0.0], [2.0, 1.0], [0.0, 2.0], [0.5, 1.0]];
+        all_rings(&arrow, |x, y| Vec3::new(x, y, 0.0)).iter().for_each(|ring| assert_covers(ring));
+    }
+
+    #[test]
+    fn tiny_polygons_are_cut_as_well_as_large_ones() {
+        for size in [1e-17, 1e9] {
+            let place = |x, y| size * Vec3::new(x, y, 1.0);
+            all_rings(&L, place).iter().for_each(|ring| {
+                let expected = newell(ring);
+                let triangles = triangulate(ring);
+                let sum: f64 = triangles.iter().map(|t| area_vector(*t).length()).sum();
+                assert!((sum / expected.length() - 1.0).abs() < 1e-5);
+            });
+        }
+    }
+
+    #[test]
+    fn a_convex_polygon_becomes_the_fan_around_its_first_vertex() {
+        let square = [Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y];
+        let [a, b, c, d] = square;
+        assert_eq!(triangulate(&square), [[a, b, c], [a, c, d]]);
+    }
+
+    #[test]
+    fn a_skew_quad_keeps_its_four_vertices() {
+        let skew = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.4), Vec3::Y];
+        let triangles = triangulate(&skew);
+        assert_eq!(triangles.len(), 2);
+        assert!(skew.iter().all(|vertex| triangles.concat().contains(vertex)));
+        assert!(triangles.iter().all(|t| area_vector(*t).dot(newell(&skew)) > 0.0));
+    }
+
+    #[test]
+    fn a_polygon_without_area_becomes_triangles_without_area() {
+        let line: Vec<Vec3> = (0..5).map(|i| i as f32 * Vec3::ONE).collect();
+        let point = vec![Vec3::ONE; 4];
+        for polygon in [line, point] {
+            let triangles = triangulate(&polygon);
+            assert_eq!(triangles.len(), polygon.len() - 2);
+            assert!(triangles.iter().all(|t| area_vector(*t).length() == 0.0));
+        }
+    }
+}

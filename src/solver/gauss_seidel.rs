@@ -1,0 +1,30 @@
+//! Gauss–Seidel iteration: each patch gathers from the newest values of all others.
+//!
+//! (Cohen & Wallace, *Radiosity and Realistic Image Synthesis*, §5.3.2.) The order of the patches
+//! is part of the method, so a sweep is sequential.
+
+use super::{Problem, Stop};
+use crate::color::Rgb64;
+use crate::error::Result;
+use crate::form_factor::FormFactors;
+use crate::patches::PatchId;
+use indicatif::ProgressBar;
+
+pub fn solve(
+    problem: &Problem,
+    form_factors: &FormFactors,
+    stop: Stop,
+    progress: &ProgressBar,
+) -> Result<(Vec<Rgb64>, Vec<f64>)> {
+    let mut radiosity = problem.source.clone();
+    let mut residuals = Vec::new();
+    while !stop.reached(&residuals, super::MOST_ITERATIONS)? {
+        for i in 0..problem.len() {
+            let irradiance = form_factors.gather_row(PatchId(i as u32), &radiosity);
+            radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance;
+        }
+        residuals.push(problem.residual(&radiosity, &form_factors.gather(&radiosity)));
+        progress.inc(1);
+    }
+    Ok((radiosity, residuals))
+}

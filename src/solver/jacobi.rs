@@ -1,0 +1,27 @@
+//! Jacobi iteration: B⁽ᵏ⁺¹⁾ = S + ρ F B⁽ᵏ⁾. Each iteration adds one bounce of light.
+
+use super::{Problem, Stop};
+use crate::color::Rgb64;
+use crate::error::Result;
+use crate::form_factor::FormFactors;
+use indicatif::ProgressBar;
+
+pub fn solve(
+    problem: &Problem,
+    form_factors: &FormFactors,
+    stop: Stop,
+    progress: &ProgressBar,
+) -> Result<(Vec<Rgb64>, Vec<f64>)> {
+    let mut radiosity = problem.source.clone();
+    let mut irradiance = form_factors.gather(&radiosity);
+    let mut residuals = Vec::new();
+    while !stop.reached(&residuals, super::MOST_ITERATIONS)? {
+        for i in 0..problem.len() {
+            radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance[i];
+        }
+        irradiance = form_factors.gather(&radiosity);
+        residuals.push(problem.residual(&radiosity, &irradiance));
+        progress.inc(1);
+    }
+    Ok((radiosity, residuals))
+}

@@ -1,0 +1,189 @@
+//! Solving B_i = S_i + ρ_i Σ_j F_ij B_j for the radiosity B.
+//!
+//! S is the exitance E where the matrix carries all light, or the reflected direct light ρD where
+//! that was estimated apart (see [`direct`](crate::form_factor::direct)). Three methods, one file
+//! each; all stop at the same measure of what is left.
+
+mod gauss_seidel;
+mod jacobi;
+mod southwell;
+
+use crate::color::Rgb64;
+use crate::error::{Error, Result};
+use crate::form_factor::{FormFactors, RowSource};
+use crate::patches::PatchMesh;
+use indicatif::ProgressBar;
+
+/// The known parts of the equation, one entry per patch.
+pub struct Problem {
+    /// In square units.
+    pub areas: Vec<f64>,
+    /// ρ, in [0, 1).
+    pub reflectance: Vec<Rgb64>,
+    /// S in W·m⁻².
+    pub source: Vec<Rgb64>,
+}
+
+/// How to solve on a stored matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MatrixMethod {
+    /// Every patch from the last iterate.
+    Jacobi,
+    /// Every patch from the newest values.
+    GaussSeidel,
+}
+
+/// When to stop.
+#[derive(Debug, Clone, Copy)]
+pub struct Stop {
+    /// The relative residual to reach: Σ A|S − (I − ρF)B| / Σ A·S, the worst channel.
+    pub tolerance: f64,
+    /// Exactly so many iterations instead, whatever the residual.
+    pub iterations: Option<usize>,
+}
+
+/// What a method found.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// B in W·m⁻², per patch.
+    pub radiosity: Vec<Rgb64>,
+    /// H = Σ_j F_ij B_j in W·m⁻², per patch.
+    pub irradiance: Vec<Rgb64>,
+    /// The relative residual after each iteration.
+    pub residuals: Vec<f64>,
+    /// Σ_j F_ij of each row; `None` for rows that were never needed.
+    pub row_sums: Vec<Option<f64>>,
+}
+
+impl Problem {
+    pub fn new(mesh: &PatchMesh, source: Vec<Rgb64>) -> Self {
+        let patches = || (0..mesh.len() as u32).map(crate::patches::PatchId);
+        Problem {
+            areas: patches().map(|p| mesh.area(p)).collect(),
+            reflectance: patches().map(|p| mesh.reflectance(p).as_dvec3()).collect(),
+            source,
+        }
+    }
+
+    /// Solves with a stored matrix.
+    ///
+    /// # Errors
+    /// A problem that cannot converge: see [`check_row_sums`](Self::check_row_sums) and
+    /// [`Stop::reached`].
+    pub fn solve(
+        &self,
+        form_factors: &FormFactors,
+        method: MatrixMethod,
+        stop: Stop,
+        progress: &ProgressBar,
+    ) -> Result<Solution> {
+        let row_sums = form_factors.row_sums();
+        self.check_row_sums(&row_sums)?;
+        let (radiosity, residuals) = match method {
+            MatrixMethod::Jacobi => jacobi::solve(self, form_factors, stop, progress)?,
+            MatrixMethod::GaussSeidel => gauss_seidel::solve(self, form_factors, stop, progress)?,
+        };
+        Ok(Solution {
+            irradiance: form_factors.gather(&radiosity),
+            radiosity,
+            residuals,
+            row_sums: row_sums.into_iter().map(Some).collect(),
+        })
+    }
+
+    /// Solves by shooting, with rows on demand.
+    ///
+    /// # Errors
+    /// A problem that cannot converge.
+    pub fn shoot(
+        &self,
+        rows: &impl RowSource,
+        stop: Stop,
+        progress: &ProgressBar,
+    ) -> Result<Solution> {
+        southwell::solve(self, rows, stop, progress)
+    }
+
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.source.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.source.is_empty()
+    }
+
+    /// Σ A·|x| per channel.
+    fn power(&self, per_patch: impl Iterator<Item = Rgb64>) -> Rgb64 {
+        self.areas.iter().zip(per_patch).map(|(area, x)| x.abs() * *area).sum()
+    }
+
+    /// The relative residual of a radiosity whose irradiance is known.
+    fn residual(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> f64 {
+        let left = (0..self.len()).map(|i| {
+            self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]
+        });
+        self.relative(self.power(left))
+    }
+
+    /// Power left, relative to the source's, in the worst channel; 0 without a source.
+    fn relative(&self, left: Rgb64) -> f64 {
+        let source = self.power(self.source.iter().copied());
+        (0..3).filter(|&c| source[c] > 0.0).map(|c| left[c] / source[c]).fold(0.0, f64::max)
+    }
+
+    /// Refuses a patch that gives back all that it receives: ρ ≥ 1 in a closed loop of light.
+    fn check_row_sums(&self, row_sums: &[f64]) -> Result<()> {
+        for (i, sum) in row_sums.iter().enumerate() {
+            let reflectance = self.reflectance[i].max_element();
+            if reflectance >= 1.0 && reflectance * sum >= 1.0 {
+                return Err(cannot_converge(format!(
+                    "patch {i} reflects {reflectance} of its light into rows that sum to {sum}"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Iterations after which a method that has not reached its tolerance never will.
+const MOST_ITERATIONS: usize = 10_000;
+
+impl Stop {
+    /// Whether to stop after an iteration that left the last of `residuals`.
+    ///
+    /// # Errors
+    /// Light that grows: the residual is above what it was at the start a thousand times, or not a
+    /// number, or still above the tolerance after `MOST_ITERATIONS` and no longer falling.
+    fn reached(&self, residuals: &[f64], most: usize) -> Result<bool> {
+        let (Some(&first), Some(&last)) = (residuals.first(), residuals.last()) else {
+            return Ok(self.iterations == Some(0));
+        };
+        if !(last <= 1e3 * first.max(1.0)) {
+            return Err(cannot_converge(format!("the residual grew to {last:e}")));
+        }
+        if let Some(iterations) = self.iterations {
+            return Ok(residuals.len() >= iterations);
+        }
+        if last <= self.tolerance {
+            return Ok(true);
+        }
+        if residuals.len() >= most {
+            return Err(cannot_converge(format!(
+                "after {most} iterations the residual is {last:e}, above the tolerance {:e}",
+                self.tolerance
+            )));
+        }
+        Ok(false)
+    }
+}
+
+fn cannot_converge(why: String) -> Error {
+    Error::new(format!("the light does not converge: {why}")).remedy(
+        "lower reflectances that are near 1, take more samples (a form factor that is too large \
+         multiplies light), or use --form-factors hemisphere",
+    )
+}
+
+#[cfg(test)]
+mod tests;
