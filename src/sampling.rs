@@ -5,6 +5,7 @@
 
 use glam::Vec3;
 use std::f32::consts::TAU;
+use std::sync::LazyLock;
 
 /// How the points of one estimate are placed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -28,32 +29,55 @@ pub enum Purpose {
 }
 
 /// A seeded sequence of points in [0, 1)⁴.
+///
+/// The low-discrepancy points are one Owen-scrambled Sobol sequence, the same for all streams, moved
+/// by a random digital shift of each stream's own (an exclusive or of the digits). The shift keeps
+/// every stratum filled, makes each point uniform, and costs a fraction of a scramble.
 #[derive(Debug, Clone, Copy)]
 pub struct Stream {
-    seed: u32,
+    shift: [u32; 4],
     points: PointSet,
 }
 
 impl Stream {
     /// The stream number `index` (a patch, a pixel, a pair) of `purpose`.
+    #[inline]
     pub fn new(seed: u64, purpose: Purpose, index: u64, points: PointSet) -> Self {
-        let mixed = mix(mix(seed ^ ((purpose as u64) << 56)).wrapping_add(index));
-        Stream { seed: (mixed >> 32) as u32, points }
+        let a = mix(mix(seed ^ ((purpose as u64) << 56)).wrapping_add(index));
+        let b = mix(a);
+        Stream { shift: [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32], points }
     }
 
     /// The point number `index`, uniform in [0, 1)⁴.
     #[inline]
     pub fn point(&self, index: u32) -> [f32; 4] {
-        // sobol_burley scrambles 2¹⁶ points at most; beyond them, and for independent points, the
-        // seed changes instead of the index.
-        let block = match self.points {
-            PointSet::Random => index.wrapping_add(1),
-            PointSet::Sobol | PointSet::Regular => index >> 16,
+        if self.points == PointSet::Random {
+            let seed = mix((self.shift[0] as u64) << 32 | (self.shift[1] ^ index) as u64);
+            return sobol_burley::sample_4d(0, 0, (seed >> 32) as u32);
+        }
+        let [a, b, c, d] = match SOBOL.get(index as usize) {
+            Some(digits) => *digits,
+            None => sobol_digits(index),
         };
-        let within = if self.points == PointSet::Random { 0 } else { index & 0xffff };
-        let seed = if block == 0 { self.seed } else { mix32(self.seed, block) };
-        sobol_burley::sample_4d(within, 0, seed)
+        let [s0, s1, s2, s3] = self.shift;
+        [a ^ s0, b ^ s1, c ^ s2, d ^ s3].map(from_digits)
     }
+}
+
+/// The points that nearly every estimate uses.
+static SOBOL: LazyLock<Vec<[u32; 4]>> = LazyLock::new(|| (0..4096).map(sobol_digits).collect());
+
+/// The 24 leading binary digits of a Sobol point's coordinates, which are all that an f32 below 1
+/// holds, from the top bit down.
+fn sobol_digits(index: u32) -> [u32; 4] {
+    // The sequence is defined up to 2¹⁶; beyond, other scrambles of it follow.
+    let point = sobol_burley::sample_4d(index & 0xffff, 0, index >> 16);
+    point.map(|x| (x * (1 << 24) as f32) as u32 * 256)
+}
+
+#[inline]
+fn from_digits(digits: u32) -> f32 {
+    (digits >> 8) as f32 / (1 << 24) as f32
 }
 
 /// Steele, Lea & Flood's SplitMix64 finaliser (OOPSLA 2014): a bijection that avalanches.
@@ -62,10 +86,6 @@ fn mix(x: u64) -> u64 {
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
-}
-
-fn mix32(a: u32, b: u32) -> u32 {
-    (mix(((a as u64) << 32) | b as u64) >> 32) as u32
 }
 
 /// The uniform map from the unit square to barycentrics (λ₀, λ₁, λ₂) of a triangle; density 1/area.

@@ -79,35 +79,32 @@ impl<'t, K: Kernel> Bvh<'t, K> {
     }
 }
 
+/// The dispatch is innermost, so that all that it calls is inlined into code for its instruction set.
 impl<K: BlockKernel> RayCaster for Bvh<'_, K> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        dispatch!(self.level, simd => traverse::with_stack(|stack| {
-            traverse::nearest::<_, K>(simd, self, ray, stack)
-        }))
+        traverse::with_stack(|stack| {
+            dispatch!(self.level, simd => traverse::nearest(simd, self, ray, stack))
+        })
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        dispatch!(self.level, simd => traverse::with_stack(|stack| {
-            traverse::occluded::<_, K>(simd, self, ray, stack)
-        }))
+        traverse::with_stack(|stack| {
+            dispatch!(self.level, simd => traverse::occluded(simd, self, ray, stack))
+        })
     }
 
     fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         hits.clear();
-        dispatch!(self.level, simd => traverse::with_stack(|stack| {
-            for ray in rays {
-                hits.push(traverse::nearest::<_, K>(simd, self, ray, stack));
-            }
-        }))
+        traverse::with_stack(|stack| {
+            dispatch!(self.level, simd => traverse::nearest_batch(simd, self, rays, hits, stack))
+        })
     }
 
     fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {
         blocked.clear();
-        dispatch!(self.level, simd => traverse::with_stack(|stack| {
-            for ray in rays {
-                blocked.push(traverse::occluded::<_, K>(simd, self, ray, stack));
-            }
-        }))
+        traverse::with_stack(|stack| {
+            dispatch!(self.level, simd => traverse::occluded_batch(simd, self, rays, blocked, stack))
+        })
     }
 }
 

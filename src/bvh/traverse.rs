@@ -53,14 +53,17 @@ impl<'r, S: Simd> RayLanes<'r, S> {
         // 1/0 becomes the largest finite number of that sign: products with it may overflow to ±∞,
         // but 0·∞, the only source of NaN in a slab test of finite boxes, cannot occur.
         let inverse = ray.direction.recip().clamp(glam::Vec3::MIN, glam::Vec3::MAX);
-        let lanes = |v: glam::Vec3| v.to_array().map(|x| f32x8::splat(simd, x));
         RayLanes {
             simd,
             ray,
-            origin: lanes(ray.origin),
-            direction: lanes(ray.direction),
-            inverse: lanes(inverse),
-            near: inverse.to_array().map(|x| x.is_sign_negative() as usize),
+            origin: splat(simd, ray.origin),
+            direction: splat(simd, ray.direction),
+            inverse: splat(simd, inverse),
+            near: [
+                inverse.x.is_sign_negative() as usize,
+                inverse.y.is_sign_negative() as usize,
+                inverse.z.is_sign_negative() as usize,
+            ],
         }
     }
 
@@ -69,21 +72,44 @@ impl<'r, S: Simd> RayLanes<'r, S> {
     /// Stretching the far distance keeps rounding from losing a box that the ray meets.
     #[inline(always)]
     fn enter(&self, node: &super::Node, t_max: f32) -> (u64, [f32; WIDTH]) {
-        let slab = |axis: usize, side: usize| {
-            let plane = f32x8::load_array_ref(self.simd, &node.bounds[axis][side]);
-            (plane - self.origin[axis]) * self.inverse[axis]
-        };
-        let near = slab(0, self.near[0])
-            .max(slab(1, self.near[1]))
-            .max(slab(2, self.near[2]))
+        let [x, y, z] = self.near;
+        let near = self
+            .slab(node, 0, x)
+            .max(self.slab(node, 1, y))
+            .max(self.slab(node, 2, z))
             .max(f32x8::splat(self.simd, self.ray.t_min));
-        let far = slab(0, 1 - self.near[0])
-            .min(slab(1, 1 - self.near[1]))
-            .min(slab(2, 1 - self.near[2]))
+        let far = self
+            .slab(node, 0, 1 - x)
+            .min(self.slab(node, 1, 1 - y))
+            .min(self.slab(node, 2, 1 - z))
             .min(f32x8::splat(self.simd, t_max))
             * f32x8::splat(self.simd, STRETCH);
         (near.simd_le(far).to_bitmask(), near.into())
     }
+
+    /// Where the ray crosses eight boxes' planes.
+    #[inline(always)]
+    fn slab(&self, node: &super::Node, axis: usize, side: usize) -> f32x8<S> {
+        let plane = f32x8::load_array_ref(self.simd, &node.bounds[axis][side & 1]);
+        (plane - self.origin[axis]) * self.inverse[axis]
+    }
+}
+
+// Plain functions rather than closures and `map`: they are inlined whatever the optimiser thinks,
+// and code that is not inlined is not compiled for the instruction set.
+
+#[inline(always)]
+fn splat<S: Simd>(simd: S, v: glam::Vec3) -> [f32x8<S>; 3] {
+    [f32x8::splat(simd, v.x), f32x8::splat(simd, v.y), f32x8::splat(simd, v.z)]
+}
+
+#[inline(always)]
+fn load<S: Simd>(simd: S, values: &[[f32; WIDTH]; 3]) -> [f32x8<S>; 3] {
+    [
+        f32x8::load_array_ref(simd, &values[0]),
+        f32x8::load_array_ref(simd, &values[1]),
+        f32x8::load_array_ref(simd, &values[2]),
+    ]
 }
 
 impl BlockKernel for MollerTrumbore {
@@ -95,18 +121,15 @@ impl BlockKernel for MollerTrumbore {
         _: &[Triangle],
         mut found: impl FnMut(usize, f32, f32, f32),
     ) {
-        let lanes = |values: &[[f32; WIDTH]; 3]| {
-            [0, 1, 2].map(|axis| f32x8::load_array_ref(ray.simd, &values[axis]))
-        };
+        let simd = ray.simd;
         let d = determinants(
             ray.origin,
             ray.direction,
-            lanes(&block.p0),
-            lanes(&block.e1),
-            lanes(&block.e2),
+            load(simd, &block.p0),
+            load(simd, &block.e1),
+            load(simd, &block.e2),
         );
-        let splat = |x: f32| f32x8::splat(ray.simd, x);
-        let (zero, one) = (splat(0.0), splat(1.0));
+        let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let sign = one.copysign(d.det);
         let (det, u, v) = (d.det * sign, d.u * sign, d.v * sign);
         let inside =
@@ -115,8 +138,9 @@ impl BlockKernel for MollerTrumbore {
             return;
         }
         let t = d.t * sign / det;
-        let hit = inside & t.simd_gt(splat(ray.ray.t_min)) & t.simd_le(splat(t_max));
-        let mut mask = hit.to_bitmask();
+        let late = t.simd_gt(f32x8::splat(simd, ray.ray.t_min));
+        let early = t.simd_le(f32x8::splat(simd, t_max));
+        let mut mask = (inside & late & early).to_bitmask();
         if mask == 0 {
             return;
         }
@@ -146,6 +170,34 @@ impl BlockKernel for Plane {
                 found(lane, t, u, v);
             }
         }
+    }
+}
+
+/// [`nearest`] for each ray.
+#[inline(always)]
+pub fn nearest_batch<S: Simd, K: BlockKernel>(
+    simd: S,
+    bvh: &Bvh<K>,
+    rays: &[Ray],
+    hits: &mut Vec<Option<Hit>>,
+    stack: &mut Stack,
+) {
+    for ray in rays {
+        hits.push(nearest(simd, bvh, ray, stack));
+    }
+}
+
+/// [`occluded`] for each ray.
+#[inline(always)]
+pub fn occluded_batch<S: Simd, K: BlockKernel>(
+    simd: S,
+    bvh: &Bvh<K>,
+    rays: &[Ray],
+    blocked: &mut Vec<bool>,
+    stack: &mut Stack,
+) {
+    for ray in rays {
+        blocked.push(occluded(simd, bvh, ray, stack));
     }
 }
 
