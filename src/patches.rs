@@ -67,6 +67,13 @@ impl Side {
         (self.first.0..self.first.0 + self.patch_count() as u32).map(PatchId)
     }
 
+    /// Where points of one of the side's patches are sampled: all of it but a rim as thin as the
+    /// lift of a ray's origin. A point on the very edge may be rounded onto the plane of the next
+    /// wall or behind it, and its rays would leave through the corner of a closed room.
+    pub fn sampling_area(&self, patch: &Triangle) -> Triangle {
+        patch.inset(self.ray_offset as f64)
+    }
+
     /// A point of the surface, lifted off it so that rays from it do not meet it again.
     #[inline]
     pub fn lifted(&self, point: Vec3) -> Vec3 {

@@ -127,8 +127,8 @@ impl HemisphereWork {
 
     /// Fills the row with what patch i's rays hit, sorted.
     fn trace<C: RayCaster>(&mut self, of: &Estimator<C>, i: PatchId, row: &mut [u32]) {
-        let (shape, side) = (of.mesh.triangle(i), of.mesh.side(i));
-        let [p0, p1, p2] = shape.p;
+        let side = of.mesh.side(i);
+        let [p0, p1, p2] = side.sampling_area(&of.mesh.triangle(i)).p;
         let stream = Stream::new(of.seed, Purpose::Hemisphere, i.0 as u64, of.points);
         self.rays.clear();
         self.rays.extend((0..of.samples).map(|k| {

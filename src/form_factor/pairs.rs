@@ -20,6 +20,8 @@ use std::f32::consts::PI;
 /// A triangle that exchanges light: a patch, or a whole emitter.
 pub(super) struct Facet<'s> {
     shape: Triangle,
+    /// See [`Side::sampling_area`].
+    sampled: Triangle,
     side: &'s Side,
     area: f32,
     centroid: Vec3,
@@ -31,7 +33,8 @@ impl<'s> Facet<'s> {
     pub fn new(shape: Triangle, side: &'s Side) -> Self {
         let centroid = shape.centroid();
         let radius = shape.p.iter().map(|p| p.distance(centroid)).fold(0.0, f32::max);
-        Facet { area: shape.area() as f32, centroid, radius, shape, side }
+        let sampled = side.sampling_area(&shape);
+        Facet { area: shape.area() as f32, sampled, centroid, radius, shape, side }
     }
 
     pub fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
@@ -43,7 +46,7 @@ impl<'s> Facet<'s> {
     }
 
     fn at(&self, barycentrics: [f32; 3]) -> Vec3 {
-        let [p0, p1, p2] = self.shape.p;
+        let [p0, p1, p2] = self.sampled.p;
         p0 * barycentrics[0] + p1 * barycentrics[1] + p2 * barycentrics[2]
     }
 }

@@ -54,6 +54,20 @@ impl Triangle {
         self.at(1.0 / 3.0, 1.0 / 3.0)
     }
 
+    /// The triangle with every edge moved inwards by `distance`; its incenter if that is too far.
+    ///
+    /// Shrinking about the incenter by a share of the inradius moves all three edges alike.
+    pub fn inset(&self, distance: f64) -> Triangle {
+        let p = self.p.map(|p| p.as_dvec3());
+        // Each vertex weighs as much as the edge opposite to it is long.
+        let opposite = [p[1].distance(p[2]), p[2].distance(p[0]), p[0].distance(p[1])];
+        let perimeter: f64 = opposite.iter().sum();
+        let incenter = (p[0] * opposite[0] + p[1] * opposite[1] + p[2] * opposite[2]) / perimeter;
+        let inradius = 2.0 * self.area() / perimeter;
+        let share = (distance / inradius).min(1.0);
+        Triangle { p: p.map(|p| p.lerp(incenter, share).as_vec3()) }
+    }
+
     pub fn longest_edge(&self) -> f64 {
         let [p0, p1, p2] = self.p.map(|p| p.as_dvec3());
         p0.distance(p1).max(p1.distance(p2)).max(p2.distance(p0))
@@ -85,6 +99,17 @@ mod tests {
         assert_eq!(t.area(), 6.0);
         assert_eq!(t.normal(), Vec3::Z);
         assert_eq!(t.longest_edge(), 5.0);
+    }
+
+    #[test]
+    fn an_inset_moves_every_edge_by_its_distance() {
+        // Legs 3 and 4: inradius 1, incenter (1, 1).
+        let t = Triangle::new(Vec3::ZERO, Vec3::X * 3.0, Vec3::Y * 4.0);
+        let inset = t.inset(0.25);
+        assert_eq!(inset.p[0], Vec3::new(0.25, 0.25, 0.0));
+        // The inradius is 3/4, so the area shrinks to its square.
+        assert!((inset.area() - 6.0 * 0.5625).abs() < 1e-5);
+        assert_eq!(t.inset(9.0).p, [Vec3::new(1.0, 1.0, 0.0); 3]);
     }
 
     #[test]
