@@ -1,6 +1,7 @@
 pub mod bvh;
 pub mod cli;
 pub mod color;
+pub mod coverage;
 pub mod error;
 pub mod export;
 pub mod form_factor;

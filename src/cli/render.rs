@@ -3,6 +3,7 @@
 use super::report::{Report, Seconds};
 use super::{progress, say, warn};
 use crate::bvh::AnyBvh;
+use crate::coverage;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_writable, write_all};
 use crate::export::picture::Format;
@@ -340,14 +341,15 @@ fn draw(
     pictures: &[Picture],
     light: &Radiosity,
 ) -> Vec<Image> {
+    let uncovered = coverage::uncovered(caster, mesh);
     let shadings: Vec<Box<dyn Shading + '_>> = pictures
         .iter()
         .map(|picture| -> Box<dyn Shading> {
             match picture.shading {
-                ShadingName::Flat => Box::new(Flat::new(&light.radiosity)),
+                ShadingName::Flat => Box::new(Flat::new(mesh, &light.irradiance, &uncovered)),
                 ShadingName::Smooth => {
-                    let crease = arguments.crease;
-                    let vertices = VertexIrradiance::new(mesh, &light.irradiance, crease);
+                    let (light, crease) = (&light.irradiance, arguments.crease);
+                    let vertices = VertexIrradiance::new(mesh, light, &uncovered, crease);
                     Box::new(Smooth::new(mesh, vertices))
                 }
             }

@@ -34,15 +34,20 @@ pub trait Shading: Sync {
     fn radiance(&self, point: &SurfacePoint) -> Rgb;
 }
 
-/// Constant radiance B/π over each patch: the solution as it is.
+/// Constant radiance over each patch: that of its uncovered part.
 pub struct Flat {
     radiance: Vec<Rgb>,
 }
 
 impl Flat {
-    /// `radiosity` in W·m⁻², per patch.
-    pub fn new(radiosity: &[Rgb64]) -> Self {
-        Flat { radiance: radiosity.iter().map(|b| b.as_vec3() / PI).collect() }
+    /// `irradiance` in W·m⁻² and the uncovered share of its area, per patch.
+    pub fn new(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64]) -> Self {
+        let radiance = |(i, (irradiance, uncovered)): (usize, (&Rgb64, &f64))| {
+            let patch = PatchId(i as u32);
+            let reflected = mesh.reflectance(patch) * (irradiance / uncovered).as_vec3();
+            (mesh.exitance(patch) + reflected) / PI
+        };
+        Flat { radiance: irradiance.iter().zip(uncovered).enumerate().map(radiance).collect() }
     }
 }
 

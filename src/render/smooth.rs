@@ -1,6 +1,7 @@
 //! Irradiance carried from the patches to their vertices, so that it can be interpolated.
 //!
-//! A vertex gets the mean of the patches around it, weighted by area (Cohen & Wallace, §10.1). Where
+//! A vertex gets the mean of the patches around it, weighted by the area of theirs that is not
+//! [covered](crate::coverage) (Cohen & Wallace, §10.1; what lies under a block is no neighbour). Where
 //! two triangles meet at less than the crease angle, the vertices of their common edge are one.
 //! Irradiance is carried rather than radiosity, so that a change of material along a smooth surface
 //! stays sharp.
@@ -21,9 +22,14 @@ pub struct VertexIrradiance {
 }
 
 impl VertexIrradiance {
-    /// `irradiance` in W·m⁻², per patch; `crease` in degrees.
-    pub fn new(mesh: &PatchMesh, irradiance: &[Rgb64], crease: f32) -> Self {
-        let mut lattices = Lattices::of(mesh, irradiance);
+    /// `irradiance` in W·m⁻² and the uncovered share of its area, per patch; `crease` in degrees.
+    pub fn new(
+        mesh: &PatchMesh,
+        irradiance: &[Rgb64],
+        uncovered: &[f64],
+        crease: f32,
+    ) -> Self {
+        let mut lattices = Lattices::of(mesh, irradiance, uncovered);
         let seams = seams(mesh, crease);
         lattices.join_corners(mesh, &seams);
         for seam in &seams {
@@ -165,15 +171,17 @@ struct Lattices {
 }
 
 impl Lattices {
-    fn of(mesh: &PatchMesh, irradiance: &[Rgb64]) -> Self {
+    fn of(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64]) -> Self {
         let mut lattices = Lattices { sums: Vec::new(), first: Vec::new() };
         for side in mesh.sides() {
             let first = lattices.sums.len();
             lattices.first.push(first);
             lattices.sums.resize(first + lattice_size(side.level), Sum::default());
             for (number, patch) in side.patches().enumerate() {
-                let weight = side.patch_area;
-                let sum = Sum { irradiance: irradiance[patch.index()] * weight, weight };
+                // What arrives on the patch arrives on its uncovered part.
+                let weight = side.patch_area * uncovered[patch.index()];
+                let sum =
+                    Sum { irradiance: irradiance[patch.index()] * side.patch_area, weight };
                 for corner in Cell::from_number(side.level, number as u32).corners() {
                     lattices.sums[first + lattice_index(side.level, corner)].add(sum);
                 }
@@ -266,6 +274,10 @@ mod tests {
         scene(vec![Triangle::new(b, a, far), Triangle::new(folded, a, b)])
     }
 
+    fn vertices(mesh: &PatchMesh, irradiance: &[Rgb64], crease: f32) -> VertexIrradiance {
+        VertexIrradiance::new(mesh, irradiance, &vec![1.0; mesh.len()], crease)
+    }
+
     fn at_corner(v: &VertexIrradiance, mesh: &PatchMesh, side: usize, i: u32, j: u32) -> Rgb {
         v.values[v.first[side] + lattice_index(mesh.sides()[side].level, (i, j))]
     }
@@ -297,7 +309,7 @@ mod tests {
     fn a_constant_stays_constant() {
         let scene = fold(20.0);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(3)).unwrap();
-        let v = VertexIrradiance::new(&mesh, &vec![Rgb64::splat(3.0); mesh.len()], 30.0);
+        let v = vertices(&mesh, &vec![Rgb64::splat(3.0); mesh.len()], 30.0);
         assert!(v.values.iter().all(|value| (*value - 3.0).abs().max_element() < 1e-6));
     }
 
@@ -307,7 +319,7 @@ mod tests {
         let mesh = PatchMesh::subdivide(&scene, Subdivision::MaxEdge(0.6)).unwrap();
         let levels: Vec<u32> = mesh.sides().iter().map(|side| side.level).collect();
         assert_ne!(levels[0], levels[1], "the test needs different levels");
-        let v = VertexIrradiance::new(&mesh, &noise(mesh.len()), 30.0);
+        let v = vertices(&mesh, &noise(mesh.len()), 30.0);
         for k in 0..=64 {
             let [a, b] = along_edge(&v, &mesh, k as f32 / 64.0);
             assert!((a - b).abs().max_element() < 1e-4, "{k}/64: {a} and {b}");
@@ -319,9 +331,9 @@ mod tests {
         let scene = fold(40.0);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
         let values = [Rgb64::splat(1.0), Rgb64::splat(5.0)];
-        let sharp = VertexIrradiance::new(&mesh, &values, 30.0);
+        let sharp = vertices(&mesh, &values, 30.0);
         assert_eq!(along_edge(&sharp, &mesh, 0.5), [Rgb::splat(1.0), Rgb::splat(5.0)]);
-        let soft = VertexIrradiance::new(&mesh, &values, 50.0);
+        let soft = vertices(&mesh, &values, 50.0);
         let [a, b] = along_edge(&soft, &mesh, 0.5);
         assert_eq!(a, b);
         // The mean by area lies between the two.
@@ -335,8 +347,18 @@ mod tests {
         let scene = scene(triangles);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
         let values = [1.0, 5.0, 9.0].map(Rgb64::splat);
-        let v = VertexIrradiance::new(&mesh, &values, 30.0);
+        let v = vertices(&mesh, &values, 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(1.0), Rgb::splat(5.0)]);
+    }
+
+    #[test]
+    fn a_covered_part_does_not_darken_the_vertex() {
+        // Irradiance 3 on each uncovered part; half of the second triangle is covered.
+        let scene = fold(0.0);
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
+        let values = [3.0, 1.5].map(Rgb64::splat);
+        let v = VertexIrradiance::new(&mesh, &values, &[1.0, 0.5], 30.0);
+        assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
     }
 
     #[test]
@@ -347,7 +369,7 @@ mod tests {
         let scene = scene((0..4).map(quarter).collect());
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
         let values = [1.0, 2.0, 3.0, 6.0].map(Rgb64::splat);
-        let v = VertexIrradiance::new(&mesh, &values, 30.0);
+        let v = vertices(&mesh, &values, 30.0);
         for side in 0..4 {
             assert_eq!(at_corner(&v, &mesh, side, 0, 0), Rgb::splat(3.0));
         }
