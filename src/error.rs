@@ -86,7 +86,11 @@ impl fmt::Display for Warning {
     }
 }
 
-fn write_place(f: &mut fmt::Formatter<'_>, file: Option<&Path>, line: Option<usize>) -> fmt::Result {
+fn write_place(
+    f: &mut fmt::Formatter<'_>,
+    file: Option<&Path>,
+    line: Option<usize>,
+) -> fmt::Result {
     match (file, line) {
         (Some(file), Some(line)) => write!(f, "{}:{line}: ", file.display()),
         (Some(file), None) => write!(f, "{}: ", file.display()),

@@ -1,3 +1,68 @@
+//! isolux turns triangle meshes with diffuse materials into light: it solves the radiosity equation
+//! on the patches of a scene with its own ray tracer and shows the solution as pictures.
+//!
+//! # A run is one straight walk
+//!
+//! ```text
+//! arguments → scene → patches → hierarchy → form factors → solution → shading → picture → file
+//! ```
+//!
+//! | layer | module | holds |
+//! | --- | --- | --- |
+//! | 0 | [`error`] | what the user can mend: file, line, cause, remedy |
+//! | 1 | [`color`], [`sampling`], [`memory`] | linear RGB; seeded points and their maps; what fits |
+//! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] seam |
+//! | 3 | [`scene`] | OBJ and MTL, the TOML description, materials, camera, topology |
+//! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic; the eight-wide SIMD hierarchy |
+//! | 5 | [`form_factor`], [`coverage`] | pairwise and hemispherical estimates, direct light; what is covered |
+//! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
+//! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
+//! | 8 | [`render`], [`export`] | flat and smooth pictures, exposure; files that appear whole |
+//! | 9 | [`cli`] | one file per subcommand |
+//!
+//! Lower layers never name higher ones.
+//!
+//! # Decisions
+//!
+//! **Rays hit triangles, never patches.** The patch under a hit follows from the hit's barycentrics
+//! by arithmetic ([`patches::Cell`]), so the hierarchy is as small as the mesh however fine the light.
+//!
+//! **Units.** `Ke` is emitted radiance L (W·sr⁻¹·m⁻²), `Kd` is diffuse reflectance ρ. Exitance is
+//! E = πL; radiosity solves B = E + ρ Σ F B; pictures show L = B/π. So a picture compares with that
+//! of any physically based renderer without a factor. Triangles emit and reflect on their front, the
+//! side from which they are counter-clockwise; a material may be two-sided; other backs are black.
+//!
+//! **f32 geometry, f64 sums.** No absolute epsilon: a ray's origin is lifted off its surface by what
+//! rounding can do to it ([`geometry::Triangle::ray_offset`]), so a scale by a power of two changes
+//! nothing. A sample point keeps the same distance from its patch's rim
+//! ([`patches::Side::sampling_area`]): on the rim itself rounding puts it on or behind the next wall,
+//! and 3 of 5·10⁷ rays left a closed cube; with the rim none did.
+//!
+//! **The same bits everywhere.** Random numbers are functions of (seed, purpose, index). Sums have a
+//! fixed order. The kernels fuse nothing and approximate nothing, so AVX-512, AVX2 and SSE2 agree.
+//!
+//! **Small lamps are sampled themselves.** Few of a patch's rays find a small lamp, so its light is
+//! estimated apart ([`form_factor::direct`]) and the rays carry only what is reflected. That is what
+//! makes the default picture both quick and nearly free of noise: on the Cornell box, 256 rays a patch
+//! and 64 points of the lamp, the relMSE against a path-traced reference is below 1e-4.
+//!
+//! **Near pairs are sampled by solid angle.** 1/r² has no finite variance over two patches that share
+//! an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
+//!
+//! # What was measured, and what came of it
+//!
+//! Single runs differ by 20 % on a shared machine; the ratios are what counts.
+//!
+//! - The kernels must be inlined into code compiled for the instruction set. One closure between the
+//!   dispatch and the traversal kept them out and cost a factor of 2.2 in the whole transport.
+//! - Scrambling a Sobol point for every ray took a third of the transport. One scrambled sequence
+//!   with a digital shift per stream ([`sampling::Stream`]) is as accurate (relMSE 9.4e-5 against
+//!   1.07e-4) and made the transport 1.4 times as fast.
+//! - Weighting by the uncovered part ([`coverage`]) takes relMSE from 9.4e-5 to 8.5e-5 and, more
+//!   visibly, the dark triangles away from around lamps and the feet of blocks.
+//!
+//! [`RayCaster`]: geometry::RayCaster
+
 pub mod bvh;
 pub mod cli;
 pub mod color;

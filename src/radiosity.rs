@@ -67,7 +67,8 @@ pub struct Radiosity {
     pub irradiance: Vec<Rgb64>,
     /// The relative residual after each iteration.
     pub residuals: Vec<f64>,
-    /// Σ_j F_ij: the largest departure from 1 over the rows that were needed.
+    /// Σ_j F_ij: the largest departure from 1 over the rows that were needed, and over the rows that
+    /// shooting made of them by reciprocity.
     pub row_sum_defect: f64,
     /// See [`Defects::reciprocity`]; `None` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
@@ -97,8 +98,10 @@ pub fn solve(
 ) -> Result<Radiosity> {
     if !mesh.scene.emits() {
         return Err(Error::new("nothing in the scene emits light: the picture would be black")
-            .remedy("give a material an emission: Ke in the MTL file, or radiance in the scene \
-                     description's [materials.NAME]"));
+            .remedy(
+                "give a material an emission: Ke in the MTL file, or radiance in the scene \
+                     description's [materials.NAME]",
+            ));
     }
     let start = Instant::now();
     let exitance: Vec<Rgb64> =
@@ -107,7 +110,12 @@ pub fn solve(
     let bar = progress("direct light");
     let direct = (settings.direct_samples > 0).then(|| {
         let estimator = Estimator::new(
-            caster, mesh, settings.direct_samples, PointSet::Sobol, settings.seed, &bar,
+            caster,
+            mesh,
+            settings.direct_samples,
+            PointSet::Sobol,
+            settings.seed,
+            &bar,
         );
         (estimator.direct_light(&Emitters::of(mesh)), estimator.rays())
     });
@@ -129,7 +137,8 @@ pub fn solve(
             let form_factors = matrix(&estimator, settings)?;
             bar.finish_and_clear();
             let transport_time = start.elapsed();
-            let solution = problem.solve(&form_factors, method, settings.stop, &progress("solve"))?;
+            let solution =
+                problem.solve(&form_factors, method, settings.stop, &progress("solve"))?;
             let sums: Vec<f64> = solution.row_sums.iter().flatten().copied().collect();
             let Defects { reciprocity, .. } = form_factors.defects(&sums);
             (transport_time, solution, Some(reciprocity))
@@ -143,11 +152,9 @@ pub fn solve(
         }
     };
     let rays = estimator.rays() + direct_rays.unwrap_or(0);
-    Ok(balance(
-        mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
-            row(&estimator, settings.method, i).iter().map(|(_, factor)| factor).sum()
-        },
-    )
+    Ok(balance(mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
+        row(&estimator, settings.method, i).iter().map(|(_, factor)| factor).sum()
+    })
     .timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
@@ -201,7 +208,8 @@ fn balance(
     reciprocity_defect: Option<f64>,
     missing_row_sum: impl Fn(PatchId) -> f64,
 ) -> Radiosity {
-    let Solution { mut radiosity, mut irradiance, residuals, mut row_sums } = solution;
+    let Solution { mut radiosity, mut irradiance, residuals, mut row_sums, reception_sums } =
+        solution;
     if let Some(direct) = direct {
         for i in 0..mesh.len() {
             radiosity[i] += exitance[i];
@@ -209,8 +217,7 @@ fn balance(
         }
     }
     let square_metres = mesh.scene.metres_per_unit.powi(2);
-    let mut energy =
-        Energy { emitted: Rgb64::ZERO, absorbed: Rgb64::ZERO, escaped: Rgb64::ZERO };
+    let mut energy = Energy { emitted: Rgb64::ZERO, absorbed: Rgb64::ZERO, escaped: Rgb64::ZERO };
     for i in 0..mesh.len() {
         let patch = PatchId(i as u32);
         let area = mesh.area(patch) * square_metres;
@@ -227,7 +234,8 @@ fn balance(
         radiosity,
         irradiance,
         residuals,
-        row_sum_defect: row_sum_defect(&known),
+        row_sum_defect: row_sum_defect(&known)
+            .max(reception_sums.map_or(0.0, |sums| row_sum_defect(&sums))),
         reciprocity_defect,
         energy,
         rays: 0,

@@ -82,29 +82,29 @@ impl<'t, K: Kernel> Bvh<'t, K> {
 /// The dispatch is innermost, so that all that it calls is inlined into code for its instruction set.
 impl<K: BlockKernel> RayCaster for Bvh<'_, K> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        traverse::with_stack(|stack| {
-            dispatch!(self.level, simd => traverse::nearest(simd, self, ray, stack))
-        })
+        traverse::with_stack(
+            |stack| dispatch!(self.level, simd => traverse::nearest(simd, self, ray, stack)),
+        )
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        traverse::with_stack(|stack| {
-            dispatch!(self.level, simd => traverse::occluded(simd, self, ray, stack))
-        })
+        traverse::with_stack(
+            |stack| dispatch!(self.level, simd => traverse::occluded(simd, self, ray, stack)),
+        )
     }
 
     fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         hits.clear();
-        traverse::with_stack(|stack| {
-            dispatch!(self.level, simd => traverse::nearest_batch(simd, self, rays, hits, stack))
-        })
+        traverse::with_stack(
+            |stack| dispatch!(self.level, simd => traverse::nearest_batch(simd, self, rays, hits, stack)),
+        )
     }
 
     fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {
         blocked.clear();
-        traverse::with_stack(|stack| {
-            dispatch!(self.level, simd => traverse::occluded_batch(simd, self, rays, blocked, stack))
-        })
+        traverse::with_stack(
+            |stack| dispatch!(self.level, simd => traverse::occluded_batch(simd, self, rays, blocked, stack)),
+        )
     }
 }
 

@@ -132,8 +132,7 @@ impl BlockKernel for MollerTrumbore {
         let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let sign = one.copysign(d.det);
         let (det, u, v) = (d.det * sign, d.u * sign, d.v * sign);
-        let inside =
-            det.simd_gt(zero) & u.simd_ge(zero) & v.simd_ge(zero) & (u + v).simd_le(det);
+        let inside = det.simd_gt(zero) & u.simd_ge(zero) & v.simd_ge(zero) & (u + v).simd_le(det);
         if inside.to_bitmask() == 0 {
             return;
         }

@@ -34,8 +34,8 @@ pub fn check_writable(path: &Path) -> Result<()> {
     stage(path, &[]).map(drop)
 }
 
-/// Writes every output under a temporary name beside it, then renames all. If anything fails before
-/// the first rename, no existing file has changed.
+/// Writes every output under a temporary name beside it, then to devices and pipes, then renames
+/// all. If anything fails before the first rename, no existing file has changed.
 ///
 /// # Errors
 /// Whatever the system says: a full disk, a missing permission.
@@ -45,14 +45,14 @@ pub fn write_all(outputs: Vec<Output>) -> Result<()> {
         .into_iter()
         .map(|output| Ok((stage(&output.path, &output.bytes)?, output.path)))
         .collect::<Result<_>>()?;
+    for output in special {
+        std::fs::write(&output.path, &output.bytes)
+            .map_err(|e| Error::io(&output.path, "write the file", &e))?;
+    }
     for (file, path) in staged {
         // A link stays a link: what it points to is replaced.
         let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
         file.persist(&target).map_err(|e| Error::io(&path, "write the file", &e.error))?;
-    }
-    for output in special {
-        std::fs::write(&output.path, &output.bytes)
-            .map_err(|e| Error::io(&output.path, "write the file", &e))?;
     }
     Ok(())
 }

@@ -61,11 +61,7 @@ pub(super) struct PairPoint {
 
 impl PairPoint {
     pub fn uniform([x0, x1, y0, y1]: [f32; 4]) -> Self {
-        PairPoint {
-            on_a: uniform_triangle(x0, x1),
-            on_b: uniform_triangle(y0, y1),
-            xi_b: [y0, y1],
-        }
+        PairPoint { on_a: uniform_triangle(x0, x1), on_b: uniform_triangle(y0, y1), xi_b: [y0, y1] }
     }
 }
 

@@ -28,8 +28,13 @@ impl SphericalTriangle {
         let solid_angle = 2.0 * volume.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
         let (ab, ac) = (a.cross(b), a.cross(c));
         let alpha = ab.cross(ac).length().atan2(ab.dot(ac));
-        (solid_angle > 0.0 && alpha > 0.0 && alpha < PI)
-            .then_some(SphericalTriangle { a, b, c, alpha, solid_angle })
+        (solid_angle > 0.0 && alpha > 0.0 && alpha < PI).then_some(SphericalTriangle {
+            a,
+            b,
+            c,
+            alpha,
+            solid_angle,
+        })
     }
 
     /// The unit direction for (ξ₀, ξ₁) in [0, 1)²; density 1 / `solid_angle`.

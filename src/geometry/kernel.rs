@@ -55,11 +55,8 @@ mod tests {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let (e1, e2, s) = (p1 - p0, p2 - p0, o - p0);
         let det = d.cross(e2).dot(e1);
-        let (t, u, v) = (
-            s.cross(e1).dot(e2) / det,
-            d.cross(e2).dot(s) / det,
-            s.cross(e1).dot(d) / det,
-        );
+        let (t, u, v) =
+            (s.cross(e1).dot(e2) / det, d.cross(e2).dot(s) / det, s.cross(e1).dot(d) / det);
         // Each numerator is a sum of six products of three differences: 1 rounding for each of two
         // subtractions, 2 for the products, 3 for the sums: γ₇ of the sum of absolute values.
         let det_error = gamma(7.0) * abs_cross(d, e2).dot(e1.abs());
@@ -81,8 +78,8 @@ mod tests {
         if nd_room.is_nan() || nd_room <= 0.0 {
             return None;
         }
-        let plane_t = (gamma(7.0) * n_abs.dot(s.abs()) + t.abs() * nd_error) / nd_room
-            + EPS * t.abs();
+        let plane_t =
+            (gamma(7.0) * n_abs.dot(s.abs()) + t.abs() * nd_error) / nd_room + EPS * t.abs();
         let hit_abs = s.abs() + d.abs() * t.abs();
         let hit_error = d.abs() * plane_t * (1.0 + gamma(3.0)) + (hit_abs + o.abs()) * gamma(4.0);
         let n_max = n.abs().max_element();
@@ -91,11 +88,10 @@ mod tests {
             return None;
         }
         let e_max = e1.abs().max_element().max(e2.abs().max_element());
-        let product_error =
-            2.0 * e_max * hit_error.max_element() + gamma(6.0) * 2.0 * e_max * hit_abs.max_element();
-        let plane_uv = (product_error
-            + u.abs().max(v.abs()) * gamma(4.0) * n_abs.max_element())
-            / n_room;
+        let product_error = 2.0 * e_max * hit_error.max_element()
+            + gamma(6.0) * 2.0 * e_max * hit_abs.max_element();
+        let plane_uv =
+            (product_error + u.abs().max(v.abs()) * gamma(4.0) * n_abs.max_element()) / n_room;
 
         let uv = mt_u.max(mt_v).max(plane_uv) + gamma(2.0) * (u.abs() + v.abs());
         Some(Truth {
@@ -114,7 +110,9 @@ mod tests {
         let Some(truth) = truth(ray, triangle) else { return };
         let inside = truth.u.min(truth.v).min(1.0 - truth.u - truth.v);
         let in_time = (truth.t - ray.t_min as f64).min(ray.t_max as f64 - truth.t);
-        let bits = || format!("{name}: {ray:?} {triangle:?}, truth t {} u {} v {}", truth.t, truth.u, truth.v);
+        let bits = || {
+            format!("{name}: {ray:?} {triangle:?}, truth t {} u {} v {}", truth.t, truth.u, truth.v)
+        };
         match answer {
             Some((t, u, v)) => {
                 assert!(inside >= -truth.edge_error, "false hit outside: {}", bits());
@@ -242,8 +240,11 @@ mod tests {
         for x in -1..=5 {
             for y in -1..=5 {
                 let ray = Ray::new(Vec3::new(x as f32, y as f32, 8.0), Vec3::NEG_Z);
-                let expected = (x >= 0 && y >= 0 && x + y <= 4)
-                    .then_some((8.0, x as f32 / 4.0, y as f32 / 4.0));
+                let expected = (x >= 0 && y >= 0 && x + y <= 4).then_some((
+                    8.0,
+                    x as f32 / 4.0,
+                    y as f32 / 4.0,
+                ));
                 for_both(|intersect| assert_eq!(intersect(&ray, &triangle), expected));
             }
         }

@@ -23,12 +23,7 @@ pub struct VertexIrradiance {
 
 impl VertexIrradiance {
     /// `irradiance` in W·m⁻² and the uncovered share of its area, per patch; `crease` in degrees.
-    pub fn new(
-        mesh: &PatchMesh,
-        irradiance: &[Rgb64],
-        uncovered: &[f64],
-        crease: f32,
-    ) -> Self {
+    pub fn new(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64], crease: f32) -> Self {
         let mut lattices = Lattices::of(mesh, irradiance, uncovered);
         let seams = seams(mesh, crease);
         lattices.join_corners(mesh, &seams);
@@ -62,8 +57,8 @@ impl VertexIrradiance {
             let step = 1 << (level - coarse);
             for k in (0..1u32 << level).filter(|k| k % step != 0) {
                 let before = k - k % step;
-                let [value, start, end] =
-                    [k, before, before + step].map(|k| self.first[edge.side] + edge.point(level, k));
+                let [value, start, end] = [k, before, before + step]
+                    .map(|k| self.first[edge.side] + edge.point(level, k));
                 let fraction = (k % step) as f32 / step as f32;
                 self.values[value] = self.values[start].lerp(self.values[end], fraction);
             }
@@ -180,8 +175,7 @@ impl Lattices {
             for (number, patch) in side.patches().enumerate() {
                 // What arrives on the patch arrives on its uncovered part.
                 let weight = side.patch_area * uncovered[patch.index()];
-                let sum =
-                    Sum { irradiance: irradiance[patch.index()] * side.patch_area, weight };
+                let sum = Sum { irradiance: irradiance[patch.index()] * side.patch_area, weight };
                 for corner in Cell::from_number(side.level, number as u32).corners() {
                     lattices.sums[first + lattice_index(side.level, corner)].add(sum);
                 }

@@ -100,10 +100,10 @@ fn candidates(bounds: &Bounds) -> Vec<Camera> {
         .map(|(x, z)| Vec3::new(0.6 * x, 0.45, z).normalize());
     let axes = [Vec3::Z, Vec3::X, Vec3::NEG_Z, Vec3::NEG_X];
 
-    let outside = corners.into_iter().chain(axes).map(|from| (center + from * distance, FOV_OUTSIDE));
-    let inside = axes.into_iter().map(|from| {
-        (center + from * bounds.diagonal() * 0.48, FOV_INSIDE)
-    });
+    let outside =
+        corners.into_iter().chain(axes).map(|from| (center + from * distance, FOV_OUTSIDE));
+    let inside =
+        axes.into_iter().map(|from| (center + from * bounds.diagonal() * 0.48, FOV_INSIDE));
     outside
         .chain(inside)
         .filter_map(|(position, fov)| Camera::new(position, center, Vec3::Y, fov, 0.0).ok())
@@ -130,8 +130,7 @@ mod tests {
 
     #[test]
     fn the_corners_of_the_image_are_the_field_of_view() {
-        let camera =
-            Camera::new(Vec3::ZERO, Vec3::Z, Vec3::Y, 90.0, 2.0).expect("a good camera");
+        let camera = Camera::new(Vec3::ZERO, Vec3::Z, Vec3::Y, 90.0, 2.0).expect("a good camera");
         // Looking along +z with y up, +x is on the left.
         let ray = camera.ray(0.0, 0.0, 2.0);
         assert!((ray.direction - Vec3::new(2.0, 1.0, 1.0)).length() < 1e-6);

@@ -121,8 +121,8 @@ impl Description {
     }
 
     fn read(path: &Path) -> Result<Description> {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| Error::io(path, "read the description", &e))?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| Error::io(path, "read the description", &e))?;
         let file: File = toml::from_str(&text).map_err(|e| toml_error(path, &text, &e))?;
         Description::check(path, file).map_err(|e| e.in_file(path))
     }

@@ -4,15 +4,8 @@ pub mod camera;
 pub mod description;
 pub mod inspect;
 pub mod material;
-mod mtl_check;
-mod mtl_files;
-mod mtl_materials;
 pub mod obj;
-mod obj_check;
-mod obj_left_aside;
-mod text;
 pub mod topology;
-mod triangulate;
 
 use crate::error::{Error, Result, Warning};
 use crate::geometry::bounds::Bounds;
@@ -141,11 +134,8 @@ mod tests {
     fn triangles_without_area_are_counted_and_left_out() {
         let good = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
         let line = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::X * 3.0);
-        let scene = Scene::new(
-            vec![line, good, line],
-            vec![MaterialId(0); 3],
-            vec![Material::fallback()],
-        );
+        let scene =
+            Scene::new(vec![line, good, line], vec![MaterialId(0); 3], vec![Material::fallback()]);
         assert_eq!(scene.triangles, [good]);
         assert_eq!(scene.degenerate, 2);
     }

@@ -53,6 +53,8 @@ pub struct Solution {
     pub residuals: Vec<f64>,
     /// Σ_j F_ij of each row; `None` for rows that were never needed.
     pub row_sums: Vec<Option<f64>>,
+    /// Shooting uses F_ij A_i / A_j for F_ji: the sums of those rows, once every patch has shot.
+    pub reception_sums: Option<Vec<f64>>,
 }
 
 impl Problem {
@@ -88,6 +90,7 @@ impl Problem {
             radiosity,
             residuals,
             row_sums: row_sums.into_iter().map(Some).collect(),
+            reception_sums: None,
         })
     }
 
@@ -120,9 +123,8 @@ impl Problem {
 
     /// The relative residual of a radiosity whose irradiance is known.
     fn residual(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> f64 {
-        let left = (0..self.len()).map(|i| {
-            self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]
-        });
+        let left = (0..self.len())
+            .map(|i| self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]);
         self.relative(self.power(left))
     }
 

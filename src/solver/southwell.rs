@@ -26,7 +26,9 @@ pub fn solve(
         irradiance: vec![Rgb64::ZERO; n],
         residuals: Vec::new(),
         row_sums: vec![None; n],
+        reception_sums: None,
     };
+    let mut reception = vec![0.0; n];
     while !stop.reached(&solution.residuals, most)? {
         let shooter = unshot.brightest();
         let row = rows.row(PatchId(shooter as u32));
@@ -36,12 +38,15 @@ pub fn solve(
         {
             return Err(cannot_converge(format!("patch {shooter} gives back all its light")));
         }
-        solution.row_sums[shooter] = Some(sum);
+        let first_shot = solution.row_sums[shooter].replace(sum).is_none();
         let sent = unshot.take(shooter) * problem.areas[shooter];
         for (PatchId(j), factor) in row {
             let j = j as usize;
             // By reciprocity F_ji = F_ij A_i / A_j.
             let received = sent * (factor / problem.areas[j]);
+            if first_shot {
+                reception[j] += factor * problem.areas[shooter] / problem.areas[j];
+            }
             let reflected = problem.reflectance[j] * received;
             solution.irradiance[j] += received;
             solution.radiosity[j] += reflected;
@@ -50,6 +55,8 @@ pub fn solve(
         solution.residuals.push(problem.relative(unshot.total));
         progress.inc(1);
     }
+    let all_have_shot = solution.row_sums.iter().all(Option::is_some);
+    solution.reception_sums = all_have_shot.then_some(reception);
     Ok(solution)
 }
 

@@ -3,19 +3,25 @@
 //! `tobj` reads both formats. Before it does, every line is checked, so that what is malformed is
 //! told with its line; afterwards polygons are cut into triangles and materials are judged.
 
-use std::io::Read;
-use std::path::Path;
-
-use glam::Vec3;
+mod check;
+mod left_aside;
+mod mtl_check;
+mod mtl_files;
+mod mtl_materials;
+mod text;
+mod triangulate;
 
 use super::material::{Material, MaterialId};
-use super::mtl_check::Library;
-use super::mtl_files::read_library;
-use super::mtl_materials::{Role, materials};
-use super::obj_check::{CheckedObj, check_obj};
-use super::text::{decode, read_bytes};
-use super::triangulate::Triangulator;
 use crate::error::{Error, Result, Warning};
+use check::{CheckedObj, check_obj};
+use glam::Vec3;
+use mtl_check::Library;
+use mtl_files::read_library;
+use mtl_materials::{Role, materials};
+use std::io::Read;
+use std::path::Path;
+use text::{decode, read_bytes};
+use triangulate::Triangulator;
 
 /// A model as it was read, in the unit of length of the file.
 #[derive(Debug, Clone, PartialEq)]

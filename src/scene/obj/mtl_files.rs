@@ -4,9 +4,9 @@ use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::check::{CheckedObj, Named};
+use super::left_aside::default_stated;
 use super::mtl_check::Library;
-use super::obj_check::{CheckedObj, Named};
-use super::obj_left_aside::default_stated;
 use super::text::{decode, quote, read_bytes, words};
 use crate::error::{Result, Warning};
 

@@ -3,11 +3,11 @@
 
 use std::path::Path;
 
-use super::material::Material;
 use super::mtl_check::{Entry, Library};
 use super::text::{LARGEST, quote};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
+use crate::scene::material::Material;
 
 /// What the model knows about a material apart from its values.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use super::obj_left_aside::LeftAside;
+use super::left_aside::LeftAside;
 use super::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
 use crate::error::{Error, Result, Warning};
 

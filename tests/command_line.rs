@@ -1,0 +1,401 @@
+//! The program as a user runs it: what it writes, what it says, and how it refuses.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn isolux() -> Command {
+    let mut command = Command::cargo_bin("isolux").expect("the program is built");
+    command.current_dir(env!("CARGO_MANIFEST_DIR"));
+    command
+}
+
+/// Arguments that make a small picture of a scene quickly.
+const QUICK: [&str; 6] = ["--size", "32x24", "--spp", "4", "--levels", "2"];
+
+/// A folder with a lit room in it: `room.obj`, `room.mtl`, `room.toml`.
+struct Room(TempDir);
+
+impl Room {
+    fn new() -> Self {
+        let room = Room(tempfile::tempdir().expect("a temporary folder"));
+        room.write("room.mtl", "newmtl wall\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 5 5 5\n");
+        room.write(
+            "room.obj",
+            "mtllib room.mtl\nv 0 0 0\nv 4 0 0\nv 4 0 4\nv 0 0 4\nv 1 3 1\nv 3 3 1\nv 3 3 3\nv 1 3 3\n\
+             usemtl wall\nf 1 4 3 2\nusemtl lamp\nf 5 6 7 8\n",
+        );
+        room.write(
+            "room.toml",
+            "models = ['room.obj']\n[camera]\nposition = [2, 2, 9]\nlook_at = [2, 1, 0]\n",
+        );
+        room
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).expect("a file");
+    }
+
+    fn names(&self) -> Vec<String> {
+        let mut names: Vec<String> = fs::read_dir(self.0.path())
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry").file_name().into_string().expect("UTF-8"))
+            .collect();
+        names.sort();
+        names
+    }
+
+    fn render(&self, scene: &str, more: &[&str]) -> Command {
+        let mut command = isolux();
+        command.arg("render").arg(self.path(scene)).arg("-o").arg(self.path("out.png"));
+        command.args(QUICK).args(more);
+        command
+    }
+}
+
+/// Runs, expects exit code 2 and no panic, and returns what was said on standard error.
+fn refused(command: &mut Command) -> String {
+    let output = command.assert().code(2).get_output().clone();
+    let said = String::from_utf8(output.stderr).expect("UTF-8");
+    assert!(said.lines().any(|line| line.starts_with("error: ")), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+    said
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).expect("a file")).expect("JSON")
+}
+
+#[test]
+fn several_shadings_share_one_run_and_get_names_of_their_own() {
+    let room = Room::new();
+    room.render("room.toml", &["--shading", "flat,smooth"]).assert().success();
+    assert_eq!(
+        room.names(),
+        ["out-flat.png", "out-smooth.png", "room.mtl", "room.obj", "room.toml"]
+    );
+    for name in ["out-flat.png", "out-smooth.png"] {
+        let picture = image::open(room.path(name)).expect("a picture").into_rgb8();
+        assert_eq!(picture.dimensions(), (32, 24));
+        assert!(picture.pixels().any(|p| p.0 != [0; 3]), "{name} is not black");
+    }
+}
+
+#[test]
+fn a_run_says_little_and_nothing_on_standard_error() {
+    let room = Room::new();
+    let output = room.render("room.toml", &[]).assert().success().get_output().clone();
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
+    let said = String::from_utf8(output.stdout).unwrap();
+    for word in ["peak memory", "M/s", "row sum", "reciprocity", "emitted", "absorbed", "escaped"] {
+        assert!(said.contains(word), "no {word} in: {said}");
+    }
+    assert!(said.lines().count() <= 16, "{said}");
+}
+
+#[test]
+fn every_format_is_written() {
+    let room = Room::new();
+    for ending in ["png", "exr", "hdr", "PNG"] {
+        let file = room.path(&format!("picture.{ending}"));
+        isolux()
+            .arg("render")
+            .arg(room.path("room.toml"))
+            .arg("-o")
+            .arg(&file)
+            .args(QUICK)
+            .assert()
+            .success();
+        assert_eq!(image::image_dimensions(&file).expect("a picture"), (32, 24), "{ending}");
+    }
+}
+
+#[test]
+fn statistics_have_what_programs_read() {
+    let room = Room::new();
+    let stats = room.path("stats.json");
+    room.render("room.toml", &["--stats", stats.to_str().unwrap()]).assert().success();
+    let stats = json(&stats);
+    assert_eq!(stats["triangles"], 4);
+    assert_eq!(stats["patches"], 64);
+    assert!(stats["rays"].as_u64().unwrap() >= 32 * 24 * 4);
+    assert!(stats["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
+    let seconds: f64 = ["load", "build", "transport", "solve", "render"]
+        .iter()
+        .map(|stage| stats["seconds"][stage].as_f64().unwrap())
+        .sum();
+    let total = stats["seconds"]["total"].as_f64().unwrap();
+    assert!(seconds > 0.0 && seconds <= total, "{seconds} of {total}");
+    let residuals = stats["residuals"].as_array().unwrap();
+    assert!(residuals.last().unwrap().as_f64().unwrap() <= 1e-4);
+    assert!(stats["row_sum_defect"].is_f64() && stats["reciprocity_defect"].is_f64());
+    for kind in ["emitted", "absorbed", "escaped"] {
+        assert_eq!(stats["energy"][kind].as_array().unwrap().len(), 3);
+    }
+    // The lamp: 4 square units at exitance 5π.
+    let emitted = stats["energy"]["emitted"][0].as_f64().unwrap();
+    assert!((emitted - 20.0 * std::f64::consts::PI).abs() < 1e-4, "{emitted}");
+}
+
+#[test]
+fn threads_do_not_change_a_byte() {
+    let room = Room::new();
+    for more in [
+        &["--form-factors", "pairs"][..],
+        &["--form-factors", "hemisphere", "--solver", "jacobi"],
+        &["--form-factors", "pairs", "--solver", "southwell", "--tolerance", "1e-2"],
+    ] {
+        let picture = |threads: &str| {
+            room.render("room.toml", more).args(["--threads", threads]).assert().success();
+            fs::read(room.path("out.png")).expect("a picture")
+        };
+        let alone = picture("1");
+        assert_eq!(alone, picture("2"), "{more:?}");
+        assert_eq!(alone, picture("7"), "{more:?}");
+        room.render("room.toml", more).args(["--seed", "2"]).assert().success();
+        assert_ne!(alone, fs::read(room.path("out.png")).unwrap(), "the seed matters: {more:?}");
+    }
+}
+
+#[test]
+fn every_choice_of_method_draws_about_the_same_picture() {
+    let room = Room::new();
+    let mean = |more: &[&str]| {
+        let file = room.path("mean.exr");
+        let mut command = isolux();
+        command.arg("render").arg(room.path("room.toml")).arg("-o").arg(&file).args(QUICK);
+        command.args(["--samples", "1024"]).args(more).assert().success();
+        let picture = image::open(&file).expect("a picture").into_rgb32f();
+        picture.pixels().map(|p| p.0[1] as f64).sum::<f64>() / (32.0 * 24.0)
+    };
+    let expected = mean(&[]);
+    for more in [
+        &["--kernel", "plane"][..],
+        &["--solver", "jacobi"],
+        &["--solver", "southwell"],
+        &["--form-factors", "pairs"],
+        &["--form-factors", "pairs", "--solver", "southwell"],
+        &["--form-factors", "pairs", "--points", "random"],
+        &["--form-factors", "pairs", "--points", "regular"],
+        &["--direct", "0"],
+        &["--shading", "flat"],
+    ] {
+        let found = mean(more);
+        // 1024 samples of a 64-patch scene: every method is within 1 % of any other.
+        assert!((found / expected - 1.0).abs() < 0.01, "{more:?}: {found} and {expected}");
+    }
+}
+
+#[test]
+fn a_bare_model_gets_a_camera_that_sees_it() {
+    let room = Room::new();
+    room.render("room.obj", &[]).assert().success();
+    let picture = image::open(room.path("out.png")).expect("a picture").into_rgb8();
+    let lit = picture.pixels().filter(|p| p.0 != [0; 3]).count();
+    assert!(lit > 32 * 24 / 20, "{lit} pixels are lit");
+}
+
+#[test]
+fn info_counts_what_is_there() {
+    let output = isolux().args(["info", "scenes/course-room.toml"]).assert().success();
+    let said = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    for line in ["triangles   24 (0 degenerate left out, 0 duplicates)", "emitters    2 triangles"]
+    {
+        assert!(said.contains(line), "no '{line}' in: {said}");
+    }
+    let output = isolux().args(["info", "scenes/furnace.obj"]).assert().success();
+    let said = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    assert!(said.contains("open edges  0 (closed)") && said.contains("6.000000 square"), "{said}");
+}
+
+#[test]
+fn help_states_units_and_defaults() {
+    let output = isolux().args(["render", "--help"]).assert().success();
+    let said = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    for word in ["degrees", "pixels", "scene's units", "MiB", "[default: 1]", "moller-trumbore"] {
+        assert!(said.contains(word), "no '{word}' in: {said}");
+    }
+}
+
+#[test]
+fn bad_arguments_are_refused() {
+    let room = Room::new();
+    for more in [
+        &["--size", "0x0"][..],
+        &["--size", "12"],
+        &["--size", "99999999x99999999"],
+        &["--size", "60000x60000"],
+        &["--spp", "0"],
+        &["--levels", "40"],
+        &["--max-edge", "0"],
+        &["--max-edge", "nan"],
+        &["--max-edge", "1e-30"],
+        &["--samples", "0"],
+        &["--samples", "10", "--points", "regular"],
+        &["--tolerance", "0"],
+        &["--tolerance", "nan"],
+        &["--exposure", "-1"],
+        &["--crease", "inf"],
+        &["--threads", "0"],
+        &["--shading", "shiny"],
+        &["--solver", "magic"],
+        &["--form-factors", "pairs", "--levels", "9"],
+        &["--memory", "0"],
+        &["--frobnicate"],
+    ] {
+        // A flag given twice is its own error, so QUICK's are left out where they clash.
+        let quick: Vec<&str> = QUICK
+            .chunks(2)
+            .filter(|flag| {
+                !more.contains(&flag[0]) && !(flag[0] == "--levels" && more[0] == "--max-edge")
+            })
+            .flatten()
+            .copied()
+            .collect();
+        let mut command = isolux();
+        command.arg("render").arg(room.path("room.toml")).arg("-o").arg(room.path("out.png"));
+        let said = refused(command.args(quick).args(more));
+        assert!(!said.contains("cannot be used multiple times"), "{more:?}: {said}");
+    }
+    assert_eq!(room.names(), ["room.mtl", "room.obj", "room.toml"]);
+}
+
+#[test]
+fn a_matrix_that_does_not_fit_names_the_remedy() {
+    let room = Room::new();
+    let said = refused(&mut {
+        let mut command = room.render("room.toml", &["--form-factors", "pairs"]);
+        command.args(["--memory", "0"]);
+        command
+    });
+    for word in ["64 patches", "KiB", "--solver southwell", "--form-factors hemisphere"] {
+        assert!(said.contains(word), "no '{word}' in: {said}");
+    }
+    room.render("room.toml", &["--solver", "southwell", "--memory", "0"]).assert().success();
+}
+
+#[test]
+fn bad_files_are_refused_with_their_place() {
+    let room = Room::new();
+    for (name, text, expected) in [
+        ("missing.obj", None, "No such file"),
+        ("two.obj", Some("v 0 0 0\nv 1 0 0\nf 1 2\n"), "two.obj:3: "),
+        ("nan.obj", Some("v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"), "nan.obj:2: "),
+        ("inf.obj", Some("v 0 0 inf\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "inf.obj:1: "),
+        ("word.obj", Some("v 0 0 zero\n"), "word.obj:1: "),
+        ("index.obj", Some("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n"), "index.obj:4: "),
+        ("zero.obj", Some("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n"), "zero.obj:4: "),
+        ("empty.obj", Some(""), "empty.obj: "),
+        ("flat.obj", Some("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"),
+        ("dark.obj", Some("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "the picture would be black"),
+        ("rubbish.obj", Some("\0\u{1}\u{2}PNG\0\0\0"), "rubbish.obj: "),
+        ("shiny.toml", Some("models = ['shiny.obj']"), "shiny.mtl:2: "),
+        ("typo.toml", Some("models = ['room.obj']\nimages = 3\n"), "typo.toml:2: "),
+        ("far.toml", Some("models = ['far/away.obj']\n"), "far/away.obj"),
+        ("room.ply", Some("ply"), "room.ply: "),
+    ] {
+        room.write("shiny.mtl", "newmtl glass\nKd 1 1 1\n");
+        room.write(
+            "shiny.obj",
+            "mtllib shiny.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl glass\nf 1 2 3\n",
+        );
+        if let Some(text) = text {
+            room.write(name, text);
+        }
+        let said = refused(&mut room.render(name, &[]));
+        assert!(said.contains(expected) && said.contains("help: "), "{name}: {said}");
+        let has_picture = room.names().iter().any(|file| file.starts_with("out"));
+        assert!(!has_picture, "{name} left a picture behind");
+    }
+    let said = refused(isolux().arg("info").arg(room.0.path()));
+    assert!(said.contains("help: "), "a folder: {said}");
+}
+
+#[test]
+fn a_missing_material_is_a_warning_and_a_default() {
+    let room = Room::new();
+    let text = fs::read_to_string(room.path("room.obj")).unwrap();
+    room.write("room.obj", &text.replace("usemtl wall", "usemtl wood"));
+    let output = room.render("room.toml", &[]).assert().success().get_output().clone();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.starts_with("warning: ") && said.contains("room.obj:10: "), "{said}");
+    assert!(said.contains("wood") && said.contains("0.5"), "{said}");
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_any_work() {
+    let room = Room::new();
+    for output in ["nowhere/out.png", ".", "out.jpg", "out"] {
+        let mut command = isolux();
+        command.arg("render").arg(room.path("room.toml")).arg("-o").arg(room.path(output));
+        let said = refused(&mut command);
+        assert!(said.contains("help: "), "{output}: {said}");
+    }
+    assert_eq!(room.names(), ["room.mtl", "room.obj", "room.toml"]);
+}
+
+#[test]
+fn a_failed_run_leaves_the_old_picture() {
+    let room = Room::new();
+    room.write("out.png", "precious");
+    room.write("dark.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    refused(&mut room.render("dark.obj", &[]));
+    assert_eq!(fs::read(room.path("out.png")).unwrap(), b"precious");
+    // The last of the outputs meets a full disk: the first is not replaced either.
+    if cfg!(target_os = "linux") {
+        let said = refused(&mut room.render("room.toml", &["--stats", "/dev/full"]));
+        assert!(said.contains("No space left"), "{said}");
+        assert_eq!(fs::read(room.path("out.png")).unwrap(), b"precious");
+    }
+    assert!(room.names().iter().all(|name| !name.contains(".part")), "{:?}", room.names());
+}
+
+#[test]
+fn a_description_overrides_materials_and_the_flags_override_the_description() {
+    let room = Room::new();
+    let text = fs::read_to_string(room.path("room.toml")).unwrap();
+    room.write(
+        "room.toml",
+        &format!(
+            "{text}[image]\nsize = [10, 8]\nsamples = 2\nexposure = 0.25\n[patches]\nlevels = 1\n\
+             [materials.lamp]\nradiance = [1, 2, 3]\ntwo_sided = true\n"
+        ),
+    );
+    let stats = room.path("stats.json");
+    let mut command = isolux();
+    command.arg("render").arg(room.path("room.toml")).arg("-o").arg(room.path("out.png"));
+    command.arg("--stats").arg(&stats).assert().success();
+    let read = json(&stats);
+    // Two triangles one-sided and two two-sided, 4 patches a side; 4 units of lamp on two sides.
+    assert_eq!(read["patches"], 24);
+    assert_eq!(read["exposure"], 0.25);
+    let emitted = read["energy"]["emitted"][2].as_f64().unwrap();
+    assert!((emitted - 24.0 * std::f64::consts::PI).abs() < 1e-4, "{emitted}");
+    assert_eq!(image::image_dimensions(room.path("out.png")).unwrap(), (10, 8));
+
+    command.args(["--size", "6x4", "--levels", "2", "--exposure", "2"]).assert().success();
+    let read = json(&stats);
+    assert_eq!((&read["patches"], &read["exposure"]), (&96.into(), &2.0.into()));
+    assert_eq!(image::image_dimensions(room.path("out.png")).unwrap(), (6, 4));
+}
+
+#[test]
+fn a_closed_pipe_is_no_panic() {
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("isolux"))
+        .args(["info", "scenes/two-rooms.toml"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    drop(child.stdout.take());
+    let output = child.wait_with_output().expect("the program ends");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!said.contains("panicked"), "{said}");
+}
