@@ -253,7 +253,8 @@ fn bad_arguments_are_refused() {
         let quick: Vec<&str> = QUICK
             .chunks(2)
             .filter(|flag| {
-                !more.contains(&flag[0]) && !(flag[0] == "--levels" && more[0] == "--max-edge")
+                let clashes = flag[0] == "--levels" && more[0] == "--max-edge";
+                !clashes && !more.contains(&flag[0])
             })
             .flatten()
             .copied()

@@ -1,6 +1,6 @@
 //! A bounding volume hierarchy, eight wide, over the scene's triangles.
 //!
-//! [`build`] makes it (a library's binary tree, collapsed); [`traverse`] walks it with SIMD. Eight
+//! `build` makes it (a library's binary tree, collapsed); `traverse` walks it with SIMD. Eight
 //! boxes or eight triangles are tested at once; the same generic source is compiled for every
 //! instruction set and one is chosen at run time. No operation is fused or approximate, so every
 //! instruction set gives the same bits, and those of [`BruteForce`](crate::geometry::BruteForce).

@@ -70,8 +70,8 @@ impl Problem {
     /// Solves with a stored matrix.
     ///
     /// # Errors
-    /// A problem that cannot converge: see [`check_row_sums`](Self::check_row_sums) and
-    /// [`Stop::reached`].
+    /// A problem that cannot converge: ρ ≥ 1 in a closed loop of light, a residual that grows, or one
+    /// that is still above the tolerance after 10,000 iterations.
     pub fn solve(
         &self,
         form_factors: &FormFactors,
@@ -161,7 +161,7 @@ impl Stop {
         let (Some(&first), Some(&last)) = (residuals.first(), residuals.last()) else {
             return Ok(self.iterations == Some(0));
         };
-        if !(last <= 1e3 * first.max(1.0)) {
+        if last.is_nan() || last > 1e3 * first.max(1.0) {
             return Err(cannot_converge(format!("the residual grew to {last:e}")));
         }
         if let Some(iterations) = self.iterations {
