@@ -43,7 +43,7 @@ impl Stream {
     /// The stream number `index` (a patch, a pixel, a pair) of `purpose`.
     #[inline]
     pub fn new(seed: u64, purpose: Purpose, index: u64, points: PointSet) -> Self {
-        let a = mix(mix(seed ^ ((purpose as u64) << 56)).wrapping_add(index));
+        let a = mix(mix(mix(seed) ^ purpose as u64).wrapping_add(index));
         let b = mix(a);
         Stream { shift: [a as u32, (a >> 32) as u32, b as u32, (b >> 32) as u32], points }
     }
