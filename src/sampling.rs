@@ -138,3 +138,331 @@ pub fn orthonormal_basis(normal: Vec3) -> (Vec3, Vec3) {
         Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+    /// How rarely a right sampler may be refused, or be as even as a stratified one by chance: as
+    /// rarely as a normal variable is 4 standard deviations off.
+    const CHANCE: f64 = 6.3e-5;
+
+    /// Σ (count − expected)² / expected, over bins that are equally likely. With some hundred
+    /// points a bin it follows the χ² distribution with one degree of freedom less than bins.
+    fn chi_square(counts: &[u32]) -> f64 {
+        let expected = counts.iter().sum::<u32>() as f64 / counts.len() as f64;
+        counts.iter().map(|&n| (n as f64 - expected).powi(2) / expected).sum()
+    }
+
+    /// The value that χ² of so many bins stays below with probability `p`.
+    fn quantile(bins: usize, p: f64) -> f64 {
+        ChiSquared::new((bins - 1) as f64).unwrap().inverse_cdf(p)
+    }
+
+    fn looks_uniform(counts: &[u32]) -> bool {
+        chi_square(counts) < quantile(counts.len(), 1.0 - CHANCE)
+    }
+
+    #[track_caller]
+    fn assert_uniform(counts: &[u32], what: &str) {
+        assert!(
+            looks_uniform(counts),
+            "{what}: χ² {} of {} bins is above {}; counts {counts:?}",
+            chi_square(counts),
+            counts.len(),
+            quantile(counts.len(), 1.0 - CHANCE)
+        );
+    }
+
+    /// Rows of the subdivision into equal cells that the triangle tests count in.
+    const ROWS: usize = 8;
+
+    /// Counts of ROWS² equal-area cells, or the first point that is not in the triangle.
+    fn triangle_counts(points: impl Iterator<Item = [f32; 3]>) -> Result<Vec<u32>, [f32; 3]> {
+        let mut counts = vec![0; ROWS * ROWS];
+        for l in points {
+            // Each λ carries at most 3 roundings of numbers up to 1.
+            let sum: f32 = l.iter().sum();
+            if l.iter().any(|&x| x < 0.0) || (sum - 1.0).abs() > 4.0 * f32::EPSILON {
+                return Err(l);
+            }
+            // Lines of constant λ₁, λ₂ and λ₀ bound the cells. Row i holds 2(N − i) − 1 of them.
+            let scaled = [l[1], l[2]].map(|x| x * ROWS as f32);
+            let [i, j] = scaled.map(|x| x as usize);
+            let inverted = scaled[0].fract() + scaled[1].fract() >= 1.0;
+            let cell = i * (2 * ROWS - i) + 2 * j + inverted as usize;
+            counts[cell.min(ROWS * ROWS - 1)] += 1;
+        }
+        Ok(counts)
+    }
+
+    fn points(seed: u64, points: PointSet, count: u32) -> impl Iterator<Item = [f32; 4]> {
+        let stream = Stream::new(seed, Purpose::Pair, 3, points);
+        (0..count).map(move |i| stream.point(i))
+    }
+
+    /// 256 points a cell.
+    const TRIANGLE_POINTS: u32 = 256 * (ROWS * ROWS) as u32;
+
+    #[test]
+    fn random_points_of_a_triangle_are_uniform() {
+        for seed in 0..8 {
+            let random = || points(seed, PointSet::Random, TRIANGLE_POINTS);
+            let first = triangle_counts(random().map(|p| uniform_triangle(p[0], p[1])));
+            let second = triangle_counts(random().map(|p| uniform_triangle(p[2], p[3])));
+            assert_uniform(&first.unwrap(), &format!("seed {seed}, first point"));
+            assert_uniform(&second.unwrap(), &format!("seed {seed}, second point"));
+        }
+    }
+
+    /// The negative controls: what students write first. The test above must refuse them.
+    #[test]
+    fn the_classic_mistakes_of_sampling_a_triangle_are_refused() {
+        // Half of the points miss the triangle; rescaled to sum to 1 they crowd its middle.
+        let three_numbers = |x: f32, y: f32| [x, y, 1.0 - x - y];
+        let rescaled = |x: f32, y: f32| {
+            let l = [x, y, (1.0 - x - y).abs()];
+            l.map(|a| a / l.iter().sum::<f32>())
+        };
+        // p₀ + ξ₀(p₁ − p₀), then ξ₁ of the way to p₂: short lines get as many points as long ones.
+        let towards_far_vertex = |x: f32, y: f32| [(1.0 - x) * (1.0 - y), x * (1.0 - y), y];
+        for seed in 0..8 {
+            let random = || points(seed, PointSet::Random, TRIANGLE_POINTS);
+            let counts = |map: &dyn Fn(f32, f32) -> [f32; 3]| {
+                triangle_counts(random().map(|p| map(p[0], p[1])))
+            };
+            let outside = counts(&three_numbers).expect_err("points outside the triangle");
+            assert!(outside[2] < 0.0, "seed {seed}: {outside:?}");
+            for (name, map) in [
+                ("rescaled", &rescaled as &dyn Fn(f32, f32) -> [f32; 3]),
+                ("towards the far vertex", &towards_far_vertex),
+            ] {
+                assert!(!looks_uniform(&counts(map).unwrap()), "seed {seed}: {name} was accepted");
+            }
+        }
+    }
+
+    #[test]
+    fn sobol_points_fill_a_triangle_more_evenly_than_chance() {
+        // The uniform map keeps areas, so strata of the square become strata of the triangle.
+        for seed in 0..8 {
+            let sobol = points(seed, PointSet::Sobol, TRIANGLE_POINTS);
+            let counts = triangle_counts(sobol.map(|p| uniform_triangle(p[0], p[1]))).unwrap();
+            let (chi, least) = (chi_square(&counts), quantile(counts.len(), CHANCE));
+            assert!(chi < least, "seed {seed}: χ² {chi} is not below {least}");
+        }
+    }
+
+    #[test]
+    fn sobol_points_keep_one_in_every_stratum_under_any_shift() {
+        // The first two coordinates of Sobol's sequence are a (0, 2)-sequence in base 2: of its
+        // first 2^m points each box of 2^−a × 2^−(m−a) holds one (Niederreiter 1987). A single
+        // coordinate is the case a = m. Scrambling and digital shifts keep it.
+        let m = 10;
+        for seed in 0..4 {
+            let points: Vec<_> = points(seed, PointSet::Sobol, 1 << m).collect();
+            let strata = |x: f32, bits: u32| (x * (1u32 << bits) as f32) as usize;
+            for a in 0..=m {
+                let mut filled = vec![false; 1 << m];
+                points.iter().for_each(|p| {
+                    filled[strata(p[0], a) << (m - a) | strata(p[1], m - a)] = true;
+                });
+                assert!(filled.iter().all(|&f| f), "seed {seed}: 2^-{a} x 2^-{}", m - a);
+            }
+            for axis in 2..4 {
+                let mut filled = vec![false; 1 << m];
+                points.iter().for_each(|p| filled[strata(p[axis], m)] = true);
+                assert!(filled.iter().all(|&f| f), "seed {seed}: axis {axis}");
+            }
+        }
+    }
+
+    #[test]
+    fn regular_points_are_the_centroids_of_equal_cells() {
+        for k in [1, 2, 3, 7, ROWS as u32, 32] {
+            let centroids = regular_triangle(k);
+            assert_eq!(centroids.len(), (k * k) as usize, "k = {k}");
+            let mut mean = [0f64; 3];
+            for l in &centroids {
+                // A cell's centroid is a third of a cell's height away from its sides at least.
+                assert!(l.iter().all(|&x| x > 0.3 / k as f32), "k = {k}: {l:?}");
+                (0..3).for_each(|axis| mean[axis] += l[axis] as f64 / centroids.len() as f64);
+            }
+            // Each λ is rounded at most 4 times, by 2⁻²⁴ each.
+            assert!(
+                mean.iter().all(|m| (m - 1.0 / 3.0).abs() < 4.0 / (1 << 24) as f64),
+                "{mean:?}"
+            );
+            let mut bits: Vec<_> = centroids.iter().map(|l| l.map(f32::to_bits)).collect();
+            bits.sort_unstable();
+            bits.dedup();
+            assert_eq!(bits.len(), centroids.len(), "k = {k}: two centroids are the same");
+        }
+        let counts = triangle_counts(regular_triangle(ROWS as u32).into_iter()).unwrap();
+        assert!(counts.iter().all(|&n| n == 1), "one centroid a cell: {counts:?}");
+    }
+
+    /// Axes, both poles and their neighbourhood (where a basis is most likely to break), others.
+    fn normals() -> impl Iterator<Item = Vec3> {
+        let by_hand = [
+            Vec3::X,
+            Vec3::Y,
+            Vec3::Z,
+            Vec3::NEG_X,
+            Vec3::NEG_Y,
+            Vec3::NEG_Z,
+            Vec3::new(1e-4, -1e-4, -1.0),
+            Vec3::new(-1e-20, 1e-20, -1.0),
+            Vec3::new(3.0, 4.0, -0.0),
+            Vec3::new(3.0, -4.0, 1e-30),
+            Vec3::new(1e-3, 2e-3, 1.0),
+        ];
+        let random = points(11, PointSet::Random, 200).map(|p| Vec3::new(p[0], p[1], p[2]) - 0.5);
+        by_hand.into_iter().chain(random).map(Vec3::normalize)
+    }
+
+    #[test]
+    fn a_basis_is_orthonormal_and_right_handed_about_any_normal() {
+        // At most 5 roundings of 2⁻²⁴ in a component (below 2 in size), 3 components in a product,
+        // and a normal whose own length is off by 2⁻²³: below 16 ε.
+        let near = |a: f32, b: f32| (a - b).abs() < 16.0 * f32::EPSILON;
+        for n in normals() {
+            let (t, b) = orthonormal_basis(n);
+            let print =
+                || format!("normal {:?} gives {t:?}, {b:?}", n.to_array().map(f32::to_bits));
+            for (x, y) in [(t, b), (t, n), (b, n)] {
+                assert!(near(x.dot(y), 0.0), "{}", print());
+            }
+            assert!(near(t.length(), 1.0) && near(b.length(), 1.0), "{}", print());
+            assert!((t.cross(b) - n).abs().max_element() < 16.0 * f32::EPSILON, "{}", print());
+        }
+    }
+
+    #[test]
+    fn hemisphere_directions_have_a_cosine_density_about_any_normal() {
+        // Of directions with density cosθ/π, sin²θ and the azimuth are uniform and independent:
+        // ∫ cosθ sinθ dθ dφ / π = ∫ d(sin²θ) dφ / 2π.
+        let (rings, sectors) = (8, 16);
+        for (k, n) in normals().take(20).enumerate() {
+            // Axes of the test's own.
+            let across = n.any_orthonormal_vector();
+            let along = n.cross(across);
+            let mut counts = vec![0; rings * sectors];
+            for [x, y, ..] in points(k as u64, PointSet::Random, 128 * 128) {
+                let d = cosine_hemisphere(n, x, y);
+                assert!((d.length() - 1.0).abs() < 16.0 * f32::EPSILON, "{n:?}: {d:?}");
+                // ξ₀ reaches 1 − 2⁻²⁴, where the cosine, 2⁻¹², is far above the basis's rounding.
+                assert!(d.dot(n) > 0.0, "{n:?}: {d:?} at ({x}, {y})");
+                let ring = (1.0 - d.dot(n).powi(2)) * rings as f32;
+                let turn = d.dot(along).atan2(d.dot(across)) / TAU + 0.5;
+                let sector = (turn * sectors as f32) as usize % sectors;
+                counts[(ring as usize).min(rings - 1) * sectors + sector] += 1;
+            }
+            assert_uniform(&counts, &format!("normal {n:?}, seed {k}"));
+        }
+    }
+
+    #[test]
+    fn hemisphere_directions_of_equal_solid_angle_would_be_refused() {
+        // The negative control: uniform directions make sin²θ = 1 − cos²θ not uniform.
+        let mut counts = [0; 8];
+        for [x, ..] in points(1, PointSet::Random, 1 << 14) {
+            counts[((1.0 - x * x) * 8.0).min(7.0) as usize] += 1;
+        }
+        assert!(!looks_uniform(&counts), "{counts:?}");
+    }
+
+    #[test]
+    fn streams_differ_by_seed_purpose_and_index_and_by_nothing_else() {
+        let purposes = [Purpose::Pair, Purpose::Hemisphere, Purpose::DirectLight, Purpose::Pixel];
+        for set in [PointSet::Sobol, PointSet::Random] {
+            let mut starts = Vec::new();
+            for seed in [0, 1, 2, 1 << 56, 2 << 56, u64::MAX] {
+                for purpose in purposes {
+                    for index in [0, 1, 2, 1 << 32, 1 << 56] {
+                        let stream = Stream::new(seed, purpose, index, set);
+                        let start: Vec<_> =
+                            (0..4).map(|k| stream.point(k).map(f32::to_bits)).collect();
+                        let again = Stream::new(seed, purpose, index, set);
+                        assert_eq!(start[3], again.point(3).map(f32::to_bits));
+                        starts.push((start, (seed, purpose, index)));
+                    }
+                }
+            }
+            // Two of the 120 streams of 4 × 96 random bits have equal starts by chance never.
+            for (i, (a, name)) in starts.iter().enumerate() {
+                for (b, other) in &starts[..i] {
+                    assert_ne!(a, b, "{set:?}: {name:?} and {other:?} are the same stream");
+                }
+            }
+        }
+    }
+
+    /// Counts of the 16 × 16 cells of the unit square.
+    fn square_counts(pairs: impl Iterator<Item = (f32, f32)>) -> Vec<u32> {
+        let mut counts = vec![0; 256];
+        for (x, y) in pairs {
+            assert!((0.0..1.0).contains(&x) && (0.0..1.0).contains(&y), "({x}, {y})");
+            counts[(x * 16.0) as usize * 16 + (y * 16.0) as usize] += 1;
+        }
+        counts
+    }
+
+    #[test]
+    fn random_points_are_uniform_and_their_coordinates_and_successors_independent() {
+        // The second start lies beyond the 2¹⁶ points for which the Sobol sequence is defined.
+        for (seed, start) in [(0, 0), (1, 0), (2, 1 << 16), (3, u32::MAX - (1 << 16))] {
+            let stream = Stream::new(seed, Purpose::Pixel, 5, PointSet::Random);
+            let points: Vec<_> = (start..start + 65_000).map(|k| stream.point(k)).collect();
+            for a in 0..4 {
+                for b in 0..4 {
+                    let what = format!("seed {seed} from {start}: axis {a} and axis {b} of");
+                    if a < b {
+                        let same = square_counts(points.iter().map(|p| (p[a], p[b])));
+                        assert_uniform(&same, &format!("{what} the same point"));
+                    }
+                    let next = points.windows(2).map(|p| (p[0][a], p[1][b]));
+                    assert_uniform(&square_counts(next), &format!("{what} the next point"));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn neighbouring_streams_are_independent() {
+        for set in [PointSet::Random, PointSet::Sobol] {
+            for k in [0, 1, 77, 5000, 70_000] {
+                let at = |index: u64| Stream::new(9, Purpose::Pair, index, set).point(k);
+                let points: Vec<_> = (0..50_000).map(at).collect();
+                for axis in 0..4 {
+                    let pairs = points.windows(2).map(|p| (p[0][axis], p[1][axis]));
+                    let what = format!("{set:?} point {k}, axis {axis} of streams i and i + 1");
+                    assert_uniform(&square_counts(pairs), &what);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sobol_points_beyond_two_to_the_sixteen_are_new_and_still_stratified() {
+        let stream = Stream::new(4, Purpose::Hemisphere, 8, PointSet::Sobol);
+        let block =
+            |b: u32| -> Vec<_> { (0..1 << 16).map(|k| stream.point(b << 16 | k)).collect() };
+        let first = block(0);
+        for b in [1, 2, 65_535] {
+            let later = block(b);
+            for axis in 0..4 {
+                let mut filled = vec![false; 1 << 16];
+                later.iter().for_each(|p| filled[(p[axis] * 65_536.0) as usize] = true);
+                assert!(filled.iter().all(|&f| f), "block {b}, axis {axis}");
+            }
+            // Two uniform 24-bit coordinates repeat by chance in 65,536 · 2⁻⁴⁸ of cases.
+            let same = first.iter().zip(&later).filter(|(a, b)| a[..2] == b[..2]).count();
+            assert_eq!(same, 0, "block {b} repeats the first");
+            // Set against the first block's, a repetition in another order would line up.
+            let pairs = first.iter().zip(&later).map(|(a, b)| (a[0], b[0]));
+            assert_uniform(&square_counts(pairs), &format!("block {b} against block 0"));
+        }
+    }
+}
