@@ -216,6 +216,10 @@ impl<C: RayCaster> Estimator<'_, C> {
 
     /// Whether no point of either patch can see the other's front, which their triangles decide.
     fn faces_away(&self, i: PatchId, j: PatchId) -> bool {
+        // Of one triangle the test below would ask whether 0 is above 0, and rounding answer yes.
+        if self.mesh.side(i).triangle == self.mesh.side(j).triangle {
+            return true;
+        }
         let behind = |from: PatchId, of: PatchId| {
             let [shape, other] =
                 [of, from].map(|p| &self.mesh.scene.triangles[self.mesh.side(p).triangle.index()]);
