@@ -1,1 +1,493 @@
+//! The solvers against a direct one, on small problems with random numbers.
 
+use super::*;
+use crate::bvh::Bvh;
+use crate::form_factor::Estimator;
+use crate::form_factor::pairs::PairRows;
+use crate::geometry::Triangle;
+use crate::patches::{PatchId, Subdivision};
+use crate::sampling::{PointSet, Purpose, Stream};
+use crate::scene::{Material, MaterialId, Scene};
+use glam::Vec3;
+
+const METHODS: [MatrixMethod; 2] = [MatrixMethod::Jacobi, MatrixMethod::GaussSeidel];
+
+fn quiet() -> ProgressBar {
+    ProgressBar::hidden()
+}
+
+fn to(tolerance: f64) -> Stop {
+    Stop { tolerance, iterations: None }
+}
+
+fn exactly(iterations: usize) -> Stop {
+    Stop { tolerance: 0.0, iterations: Some(iterations) }
+}
+
+/// A stream of numbers in [0, 1).
+fn numbers(seed: u64) -> impl FnMut() -> f64 {
+    let stream = Stream::new(seed, Purpose::Pixel, 0, PointSet::Random);
+    let mut index = 0;
+    move || {
+        index += 1;
+        stream.point(index)[0] as f64
+    }
+}
+
+/// A closed room from (0, 0, 0) to (1, 1, 1) with some random triangles floating in it.
+fn room(floating: usize, seed: u64) -> Scene {
+    let mut triangles = Vec::new();
+    for (u, v, w) in
+        [(Vec3::X, Vec3::Y, Vec3::Z), (Vec3::Y, Vec3::Z, Vec3::X), (Vec3::Z, Vec3::X, Vec3::Y)]
+    {
+        triangles.push(Triangle::new(Vec3::ZERO, u, u + v));
+        triangles.push(Triangle::new(Vec3::ZERO, u + v, v));
+        triangles.push(Triangle::new(w, w + u + v, w + u));
+        triangles.push(Triangle::new(w, w + v, w + u + v));
+    }
+    let mut next = numbers(seed);
+    let mut point = || Vec3::from_array([(); 3].map(|()| 0.1 + 0.8 * next() as f32));
+    triangles.extend((0..floating).map(|_| Triangle::new(point(), point(), point())));
+    let material_of = (0..triangles.len()).map(|t| MaterialId((t >= 12) as u32)).collect();
+    let two_sided = Material { two_sided: true, ..Material::fallback() };
+    Scene::new(triangles, material_of, vec![Material::fallback(), two_sided])
+}
+
+/// Random reflectances up to `most` and random sources, in every channel, zeros among them.
+fn problem(mesh: &PatchMesh, most: f64, seed: u64) -> Problem {
+    let mut next = numbers(seed + 100);
+    let mut random = |scale: f64| Rgb64::new(scale * next(), scale * next(), scale * next());
+    let mut problem = Problem::new(mesh, vec![Rgb64::ZERO; mesh.len()]);
+    for i in 0..mesh.len() {
+        problem.reflectance[i] = if i % 7 == 3 { Rgb64::ZERO } else { random(most) };
+        problem.source[i] = if i % 3 == 1 { random(10.0) } else { Rgb64::ZERO };
+    }
+    problem
+}
+
+/// F as rows of numbers.
+type Dense = Vec<Vec<f64>>;
+
+fn dense(form_factors: &FormFactors) -> Dense {
+    let n = form_factors.len();
+    (0..n)
+        .map(|i| {
+            let mut row = vec![0.0; n];
+            form_factors.for_each_in_row(PatchId(i as u32), |j, factor| row[j] += factor);
+            row
+        })
+        .collect()
+}
+
+impl RowSource for Dense {
+    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+        let row = self[i.index()].iter().enumerate();
+        row.filter(|(_, f)| **f > 0.0).map(|(j, &f)| (PatchId(j as u32), f)).collect()
+    }
+}
+
+/// (I − ρF) B = S by Gaussian elimination with pivots, channel by channel.
+fn direct_solution(problem: &Problem, f: &Dense) -> Vec<Rgb64> {
+    let n = problem.len();
+    let mut solution = vec![Rgb64::ZERO; n];
+    for channel in 0..3 {
+        let mut a: Dense = (0..n)
+            .map(|i| {
+                let scaled = |j: usize| problem.reflectance[i][channel] * f[i][j];
+                (0..n).map(|j| (i == j) as u32 as f64 - scaled(j)).collect()
+            })
+            .collect();
+        let mut b: Vec<f64> = problem.source.iter().map(|s| s[channel]).collect();
+        for k in 0..n {
+            let pivot = (k..n).max_by(|&p, &q| a[p][k].abs().total_cmp(&a[q][k].abs())).unwrap();
+            a.swap(k, pivot);
+            b.swap(k, pivot);
+            for i in k + 1..n {
+                let factor = a[i][k] / a[k][k];
+                for j in k..n {
+                    a[i][j] -= factor * a[k][j];
+                }
+                b[i] -= factor * b[k];
+            }
+        }
+        for i in (0..n).rev() {
+            let known: f64 = (i + 1..n).map(|j| a[i][j] * solution[j][channel]).sum();
+            solution[i][channel] = (b[i] - known) / a[i][i];
+        }
+    }
+    solution
+}
+
+/// Σ_j F_ij x_j.
+fn times(f: &Dense, x: &[Rgb64]) -> Vec<Rgb64> {
+    f.iter().map(|row| row.iter().zip(x).map(|(f, x)| *x * *f).sum()).collect()
+}
+
+/// G_ji = F_ij A_i / A_j: what shooting reads off row i, whether or not F is reciprocal.
+fn transposed(f: &Dense, areas: &[f64]) -> Dense {
+    let n = f.len();
+    (0..n).map(|j| (0..n).map(|i| f[i][j] * areas[i] / areas[j]).collect()).collect()
+}
+
+/// Σ A|S − (I − ρF)B| / Σ A S of the worst channel.
+fn residual(problem: &Problem, f: &Dense, radiosity: &[Rgb64]) -> f64 {
+    let incoming = times(f, radiosity);
+    let (mut left, mut source) = (Rgb64::ZERO, Rgb64::ZERO);
+    for i in 0..problem.len() {
+        let missing = problem.source[i] + problem.reflectance[i] * incoming[i] - radiosity[i];
+        left += missing.abs() * problem.areas[i];
+        source += problem.source[i] * problem.areas[i];
+    }
+    (left / source).max_element()
+}
+
+/// B solves (I − ρF)(B − B*) = r for a residual r. In the largest-entry norm ρF shrinks by at least
+/// κ = max ρ_i Σ_j F_ij < 1, and Σ A|r| ≤ τ Σ A S bounds each |r_i| by τ Σ A S / A_i. So every
+/// |B_i − B*_i| ≤ τ Σ A S / (min A (1 − κ)).
+fn largest_error(problem: &Problem, f: &Dense, tolerance: f64) -> f64 {
+    let contraction = |i: usize| problem.reflectance[i].max_element() * f[i].iter().sum::<f64>();
+    let kappa = (0..problem.len()).map(contraction).fold(0.0, f64::max);
+    assert!(kappa < 1.0, "this problem does not contract: {kappa}");
+    let least = problem.areas.iter().copied().fold(f64::INFINITY, f64::min);
+    let source = problem.power(problem.source.iter().copied()).max_element();
+    tolerance * source / (least * (1.0 - kappa))
+}
+
+#[track_caller]
+fn assert_near(a: &[Rgb64], b: &[Rgb64], most: f64, what: &str) {
+    for (i, (x, y)) in a.iter().zip(b).enumerate() {
+        assert!(
+            (*x - *y).abs().max_element() <= most,
+            "{what}: patch {i}: {x} and {y}, ± {most:e}"
+        );
+    }
+}
+
+/// Rooms with random triangles, reflectances and sources, and both kinds of matrix.
+fn for_each_problem(mut check: impl FnMut(&Problem, &FormFactors, &Estimator<Bvh>, &str)) {
+    for seed in 0..4 {
+        let scene = room(6 * seed as usize, seed);
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
+        let (bvh, quiet) = (<Bvh>::build(&scene.triangles), quiet());
+        let estimator = Estimator::new(&bvh, &mesh, 64, PointSet::Sobol, seed, &quiet);
+        let problem = problem(&mesh, 0.8, seed);
+        let pairs = FormFactors::Exchange(estimator.exchange_matrix());
+        let rays = FormFactors::Rows(estimator.hemisphere_rows());
+        check(&problem, &pairs, &estimator, &format!("pairs, seed {seed}"));
+        check(&problem, &rays, &estimator, &format!("hemisphere, seed {seed}"));
+    }
+}
+
+#[test]
+fn jacobi_and_gauss_seidel_agree_with_elimination() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let f = dense(form_factors);
+        let exact = direct_solution(problem, &f);
+        for method in METHODS {
+            for tolerance in [1e-3, 1e-6, 1e-12] {
+                let found = problem.solve(form_factors, method, to(tolerance), &quiet()).unwrap();
+                let bound = largest_error(problem, &f, tolerance);
+                let what = format!("{method:?} to {tolerance:e}, {name}");
+                assert_near(&found.radiosity, &exact, bound, &what);
+                // Sums of at most 200 terms of one sign.
+                let irradiance = times(&f, &found.radiosity);
+                assert_near(&found.irradiance, &irradiance, 1e-12, &what);
+            }
+        }
+    });
+}
+
+#[test]
+fn southwell_agrees_with_elimination_whatever_its_rows() {
+    let mut checked = Vec::new();
+    for_each_problem(|problem, form_factors, _, name| {
+        // It gathers with G. Its B misses ρ G u for an unshot u with Σ A u ≤ τ Σ A S; G brings each
+        // unit of power shot by i to Σ_j F_ij patches, so with ρ Σ F ≤ 1 that residual's power is
+        // at most u's, and the bound is G's own.
+        let f = dense(form_factors);
+        let g = transposed(&f, &problem.areas);
+        let exact = direct_solution(problem, &g);
+        let kappa =
+            (0..g.len()).map(|i| problem.reflectance[i].max_element() * g[i].iter().sum::<f64>());
+        if kappa.fold(0.0, f64::max) > 0.99 {
+            return; // Slivers with few rays receive too much: the bound below does not hold.
+        }
+        checked.push(name.to_string());
+        for tolerance in [1e-3, 1e-6, 1e-10] {
+            let found = problem.shoot(&f, to(tolerance), &quiet()).unwrap();
+            let what = format!("shooting to {tolerance:e}, {name}");
+            assert_near(&found.radiosity, &exact, largest_error(problem, &g, tolerance), &what);
+        }
+    });
+    // At least every matrix by pairs and the hemisphere's of the room without slivers.
+    assert!(checked.len() >= 5, "{checked:?}");
+}
+
+#[test]
+fn southwell_with_pairs_on_demand_finds_what_the_matrix_gives() {
+    for_each_problem(|problem, form_factors, estimator, name| {
+        if let FormFactors::Rows(_) = form_factors {
+            return;
+        }
+        let f = dense(form_factors);
+        let exact = direct_solution(problem, &f);
+        let shot = problem.shoot(&PairRows(estimator), to(1e-3), &quiet()).unwrap();
+        assert_near(&shot.radiosity, &exact, largest_error(problem, &f, 1e-3), name);
+        let sums = form_factors.row_sums();
+        for (i, sum) in shot.row_sums.iter().enumerate() {
+            // The same entries in the same order.
+            assert!(sum.is_none_or(|sum| sum == sums[i]), "{name}: row {i}: {sum:?} {}", sums[i]);
+        }
+        // And the same bits whether rows come from a matrix or from rays.
+        let stored = problem.shoot(&f, to(1e-3), &quiet()).unwrap();
+        assert_eq!(shot.radiosity, stored.radiosity, "{name}");
+        assert_eq!(shot.residuals, stored.residuals, "{name}");
+    });
+}
+
+#[test]
+fn reported_residuals_are_what_an_independent_computation_finds() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let f = dense(form_factors);
+        for method in METHODS {
+            for iterations in [1, 2, 5, 11] {
+                let stop = exactly(iterations);
+                let found = problem.solve(form_factors, method, stop, &quiet()).unwrap();
+                let reported = found.residuals[iterations - 1];
+                let ours = residual(problem, &f, &found.radiosity);
+                // Both round each patch's terms by some hundred times 2⁻⁵³ of its radiosity.
+                assert!(
+                    (reported - ours).abs() <= 1e-12,
+                    "{method:?}, {iterations} iterations, {name}: {reported:e}, not {ours:e}"
+                );
+            }
+        }
+    });
+}
+
+#[test]
+fn southwells_residual_is_the_power_not_sent_yet_and_bounds_what_is_missing() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let f = dense(form_factors);
+        let g = transposed(&f, &problem.areas);
+        for iterations in [1, 10, 100, 1000] {
+            let found = problem.shoot(&f, exactly(iterations), &quiet()).unwrap();
+            // H = G (B − unshot): elimination tells what was shot, from the irradiance alone.
+            let shot = Problem {
+                areas: problem.areas.clone(),
+                reflectance: vec![Rgb64::ONE; problem.len()],
+                source: found.irradiance.clone(),
+            };
+            // (I − (I − G)) shot = H.
+            let identity_minus_g = (0..g.len())
+                .map(|i| (0..g.len()).map(|j| (i == j) as u32 as f64 - g[i][j]).collect())
+                .collect();
+            let shot = direct_solution(&shot, &identity_minus_g);
+            let unshot: Rgb64 =
+                (0..g.len()).map(|i| (found.radiosity[i] - shot[i]) * problem.areas[i]).sum();
+            let source = problem.power(problem.source.iter().copied());
+            let expected = (unshot / source).max_element();
+            let reported = found.residuals[iterations - 1];
+            // G is well conditioned enough for 8 digits here.
+            assert!(
+                (reported - expected).abs() <= 1e-8,
+                "{iterations} shots, {name}: {reported:e}, not {expected:e}"
+            );
+            let missing = residual(problem, &g, &found.radiosity);
+            assert!(
+                missing <= reported + 1e-12,
+                "{iterations} shots, {name}: {missing} {reported}"
+            );
+        }
+    });
+}
+
+#[test]
+fn residuals_fall_monotonically_to_below_the_tolerance() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let FormFactors::Exchange(_) = form_factors else { return };
+        // With A_i F_ij = A_j F_ji an iteration takes a residual of power Σ A|r| to at most
+        // Σ_j A_j |r_j| Σ_i ρ_i F_ji, a share of it below 1; so does each relaxation of one patch.
+        for method in METHODS {
+            let found = problem.solve(form_factors, method, to(1e-11), &quiet()).unwrap();
+            let last = *found.residuals.last().unwrap();
+            assert!(last <= 1e-11, "{method:?}, {name}: {last:e}");
+            for (k, pair) in found.residuals.windows(2).enumerate() {
+                assert!(pair[1] < pair[0], "{method:?}, {name}: {pair:?} at iteration {k}");
+                assert!(pair[0] > 1e-11, "{method:?}, {name}: went on after iteration {k}");
+            }
+        }
+        let found = problem.shoot(&dense(form_factors), to(1e-8), &quiet()).unwrap();
+        let (last, before) = found.residuals.split_last().unwrap();
+        assert!(*last <= 1e-8 && before.iter().all(|r| *r > 1e-8), "shooting, {name}: {last:e}");
+    });
+}
+
+#[test]
+fn gauss_seidel_needs_fewer_sweeps_than_jacobi() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let sweeps = METHODS
+            .map(|m| problem.solve(form_factors, m, to(1e-9), &quiet()).unwrap().residuals.len());
+        assert!(sweeps[1] < sweeps[0], "{name}: Jacobi, Gauss-Seidel {sweeps:?}");
+    });
+}
+
+#[test]
+fn a_number_of_iterations_is_kept_exactly() {
+    for_each_problem(|problem, form_factors, _, name| {
+        for n in [0, 1, 7, 40] {
+            for method in METHODS {
+                let found = problem.solve(form_factors, method, exactly(n), &quiet()).unwrap();
+                assert_eq!(found.residuals.len(), n, "{method:?}, {name}");
+            }
+            let found = problem.shoot(&dense(form_factors), exactly(n), &quiet()).unwrap();
+            assert_eq!(found.residuals.len(), n, "shooting, {name}");
+            let needed = found.row_sums.iter().flatten().count();
+            assert!(needed <= n, "{name}: {needed} rows for {n} shots");
+        }
+        // Iteration k of Jacobi's adds bounce k: B = Σ (ρF)^k S.
+        let f = dense(form_factors);
+        let (mut bounce, mut sum) = (problem.source.clone(), problem.source.clone());
+        for _ in 0..7 {
+            let gathered = times(&f, &bounce);
+            bounce = (0..f.len()).map(|i| problem.reflectance[i] * gathered[i]).collect();
+            sum.iter_mut().zip(&bounce).for_each(|(s, b)| *s += *b);
+        }
+        let found = problem.solve(form_factors, MatrixMethod::Jacobi, exactly(7), &quiet());
+        assert_near(&found.unwrap().radiosity, &sum, 1e-12, name);
+    });
+}
+
+#[test]
+fn shooting_starts_with_the_most_power_and_needs_no_row_that_has_none() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let power = |i: &usize| problem.source[*i].element_sum() * problem.areas[*i];
+        let brightest = (0..problem.len()).max_by(|a, b| power(a).total_cmp(&power(b))).unwrap();
+        let found = problem.shoot(&dense(form_factors), exactly(1), &quiet()).unwrap();
+        let asked: Vec<_> = (0..problem.len()).filter(|&i| found.row_sums[i].is_some()).collect();
+        assert_eq!(asked, [brightest], "{name}");
+    });
+}
+
+#[test]
+fn channels_do_not_mix_and_light_is_linear() {
+    for_each_problem(|problem, form_factors, _, name| {
+        for method in METHODS {
+            let solve = |p: &Problem| p.solve(form_factors, method, exactly(12), &quiet()).unwrap();
+            let all = solve(problem);
+            for channel in 0..3 {
+                let only = Problem {
+                    areas: problem.areas.clone(),
+                    reflectance: problem
+                        .reflectance
+                        .iter()
+                        .map(|r| Rgb64::splat(r[channel]))
+                        .collect(),
+                    source: problem.source.iter().map(|s| Rgb64::splat(s[channel])).collect(),
+                };
+                let one = solve(&only);
+                for (i, b) in all.radiosity.iter().enumerate() {
+                    let grey = Rgb64::splat(b[channel]);
+                    assert_eq!(one.radiosity[i], grey, "{method:?}, {name}, patch {i}");
+                }
+            }
+            let doubled = Problem {
+                areas: problem.areas.clone(),
+                reflectance: problem.reflectance.clone(),
+                source: problem.source.iter().map(|s| *s * 2.0).collect(),
+            };
+            let twice: Vec<Rgb64> = all.radiosity.iter().map(|b| *b * 2.0).collect();
+            assert_eq!(solve(&doubled).radiosity, twice, "{method:?}, {name}");
+        }
+    });
+}
+
+#[test]
+fn a_black_patch_keeps_its_own_light_and_without_a_source_all_is_dark() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let dark = Problem {
+            areas: problem.areas.clone(),
+            reflectance: problem.reflectance.clone(),
+            source: vec![Rgb64::ZERO; problem.len()],
+        };
+        let f = dense(form_factors);
+        let solve = |p: &Problem| {
+            let by_shooting = p.shoot(&f, to(1e-6), &quiet()).unwrap();
+            let by_matrix = METHODS.map(|m| p.solve(form_factors, m, to(1e-6), &quiet()).unwrap());
+            by_matrix.into_iter().chain([by_shooting]).collect::<Vec<_>>()
+        };
+        for found in solve(problem) {
+            for i in (0..problem.len()).filter(|&i| problem.reflectance[i] == Rgb64::ZERO) {
+                assert_eq!(found.radiosity[i], problem.source[i], "{name}: patch {i}");
+            }
+        }
+        for found in solve(&dark) {
+            assert!(found.radiosity.iter().all(|b| *b == Rgb64::ZERO), "{name}");
+        }
+    });
+}
+
+#[test]
+fn light_that_never_leaves_a_closed_loop_is_refused() {
+    let scene = room(0, 0);
+    let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
+    let (bvh, quiet) = (<Bvh>::build(&scene.triangles), quiet());
+    let estimator = Estimator::new(&bvh, &mesh, 64, PointSet::Sobol, 0, &quiet);
+    let rows = FormFactors::Rows(estimator.hemisphere_rows());
+    let f = dense(&rows);
+    let all_white = vec![Rgb64::ONE; mesh.len()];
+    let one_channel = vec![Rgb64::new(0.5, 1.0, 0.5); mesh.len()];
+    let beyond = vec![Rgb64::splat(1.5); mesh.len()];
+    for (name, reflectance) in [("1", all_white), ("1 in green", one_channel), ("1.5", beyond)] {
+        let problem = Problem { reflectance, ..Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]) };
+        let mut answers: Vec<Result<Solution>> =
+            METHODS.iter().map(|&m| problem.solve(&rows, m, to(1e-3), &quiet)).collect();
+        answers.push(problem.shoot(&f, to(1e-3), &quiet));
+        for answer in answers {
+            let error = answer.expect_err(name).to_string();
+            assert!(error.contains("does not converge"), "{name}: {error}");
+            assert!(error.contains("help: lower reflectances"), "{name}: {error}");
+        }
+    }
+}
+
+#[test]
+fn white_patches_are_welcome_where_light_can_leave() {
+    // The same room without its ceiling and floor: no row sums to 1.
+    let mut scene = room(0, 0);
+    scene.triangles.drain(..4);
+    scene.material_of.drain(..4);
+    let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
+    let (bvh, quiet) = (<Bvh>::build(&scene.triangles), quiet());
+    let estimator = Estimator::new(&bvh, &mesh, 256, PointSet::Sobol, 0, &quiet);
+    let pairs = FormFactors::Exchange(estimator.exchange_matrix());
+    let f = dense(&pairs);
+    let reflectance = vec![Rgb64::ONE; mesh.len()];
+    let problem = Problem { reflectance, ..Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]) };
+    let exact = direct_solution(&problem, &f);
+    let bound = largest_error(&problem, &f, 1e-9);
+    for method in METHODS {
+        let found = problem.solve(&pairs, method, to(1e-9), &quiet).unwrap();
+        assert_near(&found.radiosity, &exact, bound, &format!("{method:?}"));
+    }
+    let found = problem.shoot(&f, to(1e-9), &quiet).unwrap();
+    assert_near(&found.radiosity, &exact, bound, "shooting");
+}
+
+#[test]
+fn light_that_grows_is_an_error_and_not_an_endless_loop() {
+    // Two patches that send each other twice what they have, as estimates with few samples may.
+    let rows: Dense = vec![vec![0.0, 2.0], vec![2.0, 0.0]];
+    let problem = Problem {
+        areas: vec![1.0; 2],
+        reflectance: vec![Rgb64::splat(0.9); 2],
+        source: vec![Rgb64::ONE, Rgb64::ZERO],
+    };
+    let error = problem.shoot(&rows, to(1e-6), &quiet()).unwrap_err().to_string();
+    assert!(error.contains("the residual grew"), "{error}");
+    // And one that neither grows nor falls: ρ F = 1.
+    let rows: Dense = vec![vec![0.0, 1.25], vec![1.25, 0.0]];
+    let steady = Problem { reflectance: vec![Rgb64::splat(0.8); 2], ..problem };
+    let error = steady.shoot(&rows, to(1e-6), &quiet()).unwrap_err().to_string();
+    assert!(error.contains("above the tolerance"), "{error}");
+}
