@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+mod arguments;
 mod info;
 mod progress;
 mod render;
@@ -19,7 +20,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Render(Box<render::Arguments>),
+    Render(Box<arguments::RenderArguments>),
     Info(info::Arguments),
 }
 
