@@ -263,12 +263,13 @@ fn exchanges_by_pairs_are_reciprocal_to_rounding() {
     for (name, scene) in many_scenes() {
         let world = evenly_split(&scene);
         let [pairs, _] = matrices(&world, PointSet::Sobol, 3);
-        let (area, f) = (|i: usize| world.mesh.area(PatchId(i as u32)), rows(&pairs));
+        let f = rows(&pairs);
+        let exchange = |i: usize, j: usize| world.mesh.area(PatchId(i as u32)) * f[i][j];
         for i in 0..f.len() {
             for j in 0..i {
                 // One stored exchange, divided by an area and multiplied by it again: 2 roundings
                 // on either side.
-                let (there, back) = (area(i) * f[i][j], area(j) * f[j][i]);
+                let (there, back) = (exchange(i, j), exchange(j, i));
                 let tolerance = 2.0 * f64::EPSILON * there;
                 assert!((there - back).abs() <= tolerance, "{name}: A F {i} {j}: {there} {back}");
             }
@@ -442,10 +443,11 @@ fn reported_defects_are_the_largest_over_all_entries() {
         for matrix in matrices(&world, PointSet::Random, 8) {
             let f = rows(&matrix);
             let area = |i: usize| world.mesh.area(PatchId(i as u32));
+            let exchange = |i: usize, j: usize| area(i) * f[i][j];
             let mut reciprocity = 0f64;
             for i in 0..f.len() {
                 for j in 0..f.len() {
-                    let defect = (area(i) * f[i][j] - area(j) * f[j][i]).abs();
+                    let defect = (exchange(i, j) - exchange(j, i)).abs();
                     reciprocity = reciprocity.max(defect / area(i).min(area(j)));
                 }
             }

@@ -102,11 +102,10 @@ fn direct_solution(problem: &Problem, f: &Dense) -> Vec<Rgb64> {
             let pivot = (k..n).max_by(|&p, &q| a[p][k].abs().total_cmp(&a[q][k].abs())).unwrap();
             a.swap(k, pivot);
             b.swap(k, pivot);
+            let row = a[k].clone();
             for i in k + 1..n {
-                let factor = a[i][k] / a[k][k];
-                for j in k..n {
-                    a[i][j] -= factor * a[k][j];
-                }
+                let factor = a[i][k] / row[k];
+                a[i][k..].iter_mut().zip(&row[k..]).for_each(|(x, y)| *x -= factor * y);
                 b[i] -= factor * b[k];
             }
         }
