@@ -138,7 +138,8 @@ impl BlockKernel for MollerTrumbore {
         }
         let t = d.t * sign / det;
         let late = t.simd_gt(f32x8::splat(simd, ray.ray.t_min));
-        let early = t.simd_le(f32x8::splat(simd, t_max));
+        // Where products overflow, an infinite t is no hit.
+        let early = t.simd_le(f32x8::splat(simd, t_max.min(f32::MAX)));
         let mut mask = (inside & late & early).to_bitmask();
         if mask == 0 {
             return;

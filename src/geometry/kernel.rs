@@ -233,6 +233,14 @@ mod tests {
     }
 
     #[test]
+    fn a_distance_that_overflows_is_a_miss() {
+        // det is about 1e18, but the numerator of t overflows.
+        let triangle = Triangle { p: UNIT.p.map(|p| p * 1e18 - Vec3::new(1e17, 1e17, 0.0)) };
+        let ray = Ray::new(Vec3::Z * 1e18, Vec3::NEG_Z * 1e-18);
+        for_both(|intersect| assert_eq!(intersect(&ray, &triangle), None));
+    }
+
+    #[test]
     fn an_integer_grid_is_hit_exactly_and_alike() {
         // Every quantity is a small integer or a ratio of powers of two, so no rounding happens
         // and edges and vertices belong to the triangle.

@@ -78,6 +78,7 @@ impl Kernel for MollerTrumbore {
             return None;
         }
         let t = d.t * sign / det;
-        (t > ray.t_min && t <= ray.t_max).then_some((t, u / det, v / det))
+        // Where products overflow, an infinite t is no hit.
+        (t > ray.t_min && t <= ray.t_max.min(f32::MAX)).then_some((t, u / det, v / det))
     }
 }
