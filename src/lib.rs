@@ -78,3 +78,4 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod solver;
+pub mod verify;

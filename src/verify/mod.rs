@@ -1,0 +1,26 @@
+//! Who is right when two ray tracers differ: an exact referee, and verdicts.
+//!
+//! From the bottom up:
+//!
+//! | file | holds |
+//! | --- | --- |
+//! | [`forms`] | Cramer's determinants for one ray and one triangle in f64, with their rounding |
+//! | [`exact`] | the same determinants' signs, and comparisons of distances, without any rounding |
+//! | [`truth`] | whether one ray meets one triangle: miss, touch or hit, decided exactly |
+//! | [`referee`] | the truth about one ray and all triangles |
+//! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
+//!
+//! Nothing here is decided by a guessed tolerance. What is true is decided exactly: f64 with a
+//! proven bound first, `robust`'s expansions next, integers of any length last.
+
+pub mod exact;
+pub mod forms;
+pub mod referee;
+pub mod source;
+pub mod truth;
+
+#[cfg(test)]
+mod rational;
+
+pub use referee::Referee;
+pub use truth::Truth;
