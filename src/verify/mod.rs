@@ -7,12 +7,15 @@
 //! | [`forms`] | Cramer's determinants for one ray and one triangle in f64, with their rounding |
 //! | [`exact`] | the same determinants' signs, and comparisons of distances, without any rounding |
 //! | [`truth`] | whether one ray meets one triangle: miss, touch or hit, decided exactly |
+//! | [`bounds`] | how far each f32 kernel, ours or Embree's, may stray from that truth |
 //! | [`referee`] | the truth about one ray and all triangles |
 //! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
 //!
 //! Nothing here is decided by a guessed tolerance. What is true is decided exactly: f64 with a
-//! proven bound first, `robust`'s expansions next, integers of any length last.
+//! proven bound first, `robust`'s expansions next, integers of any length last. What an f32 kernel
+//! may be forgiven is derived, rounding by rounding, in [`bounds`].
 
+pub mod bounds;
 pub mod exact;
 pub mod forms;
 pub mod referee;
@@ -22,5 +25,6 @@ pub mod truth;
 #[cfg(test)]
 mod rational;
 
+pub use bounds::Arithmetic;
 pub use referee::Referee;
 pub use truth::Truth;
