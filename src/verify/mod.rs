@@ -9,6 +9,7 @@
 //! | [`truth`] | whether one ray meets one triangle: miss, touch or hit, decided exactly |
 //! | [`bounds`] | how far each f32 kernel, ours or Embree's, may stray from that truth |
 //! | [`referee`] | the truth about one ray and all triangles |
+//! | [`verdict`] | two answers and the truth: agree, tie, touching, precision, or who is wrong |
 //! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
 //!
 //! Nothing here is decided by a guessed tolerance. What is true is decided exactly: f64 with a
@@ -21,6 +22,7 @@ pub mod forms;
 pub mod referee;
 pub mod source;
 pub mod truth;
+pub mod verdict;
 
 #[cfg(test)]
 mod rational;
@@ -28,3 +30,4 @@ mod rational;
 pub use bounds::Arithmetic;
 pub use referee::Referee;
 pub use truth::Truth;
+pub use verdict::{Judge, Judgement, Standing, Verdict};
