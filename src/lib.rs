@@ -72,6 +72,8 @@ pub mod export;
 pub mod form_factor;
 pub mod geometry;
 pub mod memory;
+#[cfg(feature = "embree")]
+pub mod oracle;
 pub mod patches;
 pub mod radiosity;
 pub mod render;
