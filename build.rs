@@ -22,7 +22,7 @@ mod embree {
 
     /// The structs that Embree reads or writes through a pointer, and what names the version.
     const TYPES: &str = "RTCRay(4|8|16)?|RTCRayHit(4|8|16)?|RTCRayQueryContext";
-    const CONSTANTS: &str = "RTC_VERSION_(MAJOR|MINOR|PATCH)";
+    const CONSTANTS: &str = "RTC_VERSION_(MAJOR|MINOR)";
     /// Newer than the headers in embree4-sys, and absent before Embree 4.3.3.
     const LAST_ERROR_MESSAGE: &str = "rtcGetDeviceLastErrorMessage";
 

@@ -14,6 +14,7 @@ use crate::patches::{PatchId, PatchMesh};
 use crate::sampling::PointSet;
 use crate::solver::{MatrixMethod, Problem, Solution, Stop};
 use indicatif::ProgressBar;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// How form factors are estimated.
@@ -65,11 +66,15 @@ pub struct Radiosity {
     pub radiosity: Vec<Rgb64>,
     /// H in W·m⁻², per patch.
     pub irradiance: Vec<Rgb64>,
-    /// The relative residual after each iteration.
+    /// See [`Solution::residuals`].
     pub residuals: Vec<f64>,
+    /// Sweeps, or shots.
+    pub iterations: usize,
     /// Σ_j F_ij: the largest departure from 1 over the rows that were needed, and over the rows that
     /// shooting made of them by reciprocity.
     pub row_sum_defect: f64,
+    /// The same, as a mean weighted by area over the rows that were needed.
+    pub mean_row_sum_defect: f64,
     /// See [`Defects::reciprocity`]; `None` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: Energy,
@@ -77,6 +82,10 @@ pub struct Radiosity {
     pub transport_time: Duration,
     pub solve_time: Duration,
 }
+
+/// What is kept per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
+/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies.
+const BYTES_PER_PATCH: u64 = 320;
 
 /// Above this share of the scene's area emitters are not small, and rays find them.
 pub const SMALL_EMITTERS: f64 = 0.1;
@@ -103,6 +112,7 @@ pub fn solve(
                      description's [materials.NAME]",
             ));
     }
+    check_memory(mesh, settings)?;
     let start = Instant::now();
     let exitance: Vec<Rgb64> =
         (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
@@ -134,7 +144,7 @@ pub fn solve(
     let problem = Problem::new(mesh, source);
     let (transport_time, solution, reciprocity_defect) = match settings.solver {
         Solver::Matrix(method) => {
-            let form_factors = matrix(&estimator, settings)?;
+            let form_factors = matrix(&estimator, settings);
             bar.finish_and_clear();
             let transport_time = start.elapsed();
             let solution =
@@ -144,8 +154,9 @@ pub fn solve(
             (transport_time, solution, Some(reciprocity))
         }
         Solver::Southwell => {
-            let transport_time = start.elapsed();
-            let solution = shoot(&estimator, &problem, settings, &progress("shots"))?;
+            let clock = Clock::default();
+            let solution = shoot(&estimator, &problem, settings, &clock, &progress("shots"))?;
+            let transport_time = clock.elapsed();
             // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
             let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
             (transport_time, solution, reciprocity)
@@ -158,8 +169,15 @@ pub fn solve(
     .timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
-fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Settings) -> Result<FormFactors> {
-    let patches = of.mesh.len();
+/// Works out what will be stored, before any of it is.
+fn check_memory(mesh: &PatchMesh, settings: &Settings) -> Result<()> {
+    let patches = mesh.len();
+    let vectors = patches as u64 * BYTES_PER_PATCH;
+    let what = format!("the light of {patches} patches");
+    memory::check(&what, vectors, memory::available(), "raise --max-edge or lower --levels")?;
+    if settings.solver == Solver::Southwell {
+        return Ok(());
+    }
     let (bytes, remedy) = match settings.method {
         Method::Pairs => (
             ExchangeMatrix::bytes_needed(patches),
@@ -173,22 +191,49 @@ fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Settings) -> Result<FormFa
         ),
     };
     let what = format!("the form-factor matrix of {patches} patches");
-    memory::check(&what, bytes, settings.memory_limit, remedy)?;
-    Ok(match settings.method {
+    memory::check(&what, bytes, settings.memory_limit, remedy)
+}
+
+fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Settings) -> FormFactors {
+    match settings.method {
         Method::Pairs => FormFactors::Exchange(of.exchange_matrix()),
         Method::Hemisphere => FormFactors::Rows(of.hemisphere_rows()),
-    })
+    }
+}
+
+/// Time spent in a part of the work that comes in pieces.
+#[derive(Default)]
+struct Clock(AtomicU64);
+
+impl Clock {
+    fn elapsed(&self) -> Duration {
+        Duration::from_nanos(self.0.load(Ordering::Relaxed))
+    }
+}
+
+/// Rows whose making is timed.
+struct Timed<'c, R>(R, &'c Clock);
+
+impl<R: RowSource> RowSource for Timed<'_, R> {
+    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+        let start = Instant::now();
+        let row = self.0.row(i);
+        self.1.0.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        row
+    }
 }
 
 fn shoot<C: RayCaster>(
     of: &Estimator<C>,
     problem: &Problem,
     settings: &Settings,
+    clock: &Clock,
     progress: &ProgressBar,
 ) -> Result<Solution> {
+    let stop = settings.stop;
     match settings.method {
-        Method::Pairs => problem.shoot(&PairRows(of), settings.stop, progress),
-        Method::Hemisphere => problem.shoot(&HemisphereSource(of), settings.stop, progress),
+        Method::Pairs => problem.shoot(&Timed(PairRows(of), clock), stop, progress),
+        Method::Hemisphere => problem.shoot(&Timed(HemisphereSource(of), clock), stop, progress),
     }
 }
 
@@ -208,8 +253,14 @@ fn balance(
     reciprocity_defect: Option<f64>,
     missing_row_sum: impl Fn(PatchId) -> f64,
 ) -> Radiosity {
-    let Solution { mut radiosity, mut irradiance, residuals, mut row_sums, reception_sums } =
-        solution;
+    let Solution {
+        mut radiosity,
+        mut irradiance,
+        residuals,
+        iterations,
+        mut row_sums,
+        reception_sums,
+    } = solution;
     if let Some(direct) = direct {
         for i in 0..mesh.len() {
             radiosity[i] += exitance[i];
@@ -229,11 +280,14 @@ fn balance(
         energy.absorbed += (1.0 - mesh.reflectance(patch).as_dvec3()) * irradiance[i] * area;
         energy.escaped += radiosity[i] * area * row_sums[i].map_or(0.0, |sum| 1.0 - sum);
     }
+    let mean_row_sum_defect = mean_row_sum_defect(mesh, &row_sums);
     let known: Vec<f64> = row_sums.into_iter().flatten().collect();
     Radiosity {
         radiosity,
         irradiance,
         residuals,
+        iterations,
+        mean_row_sum_defect,
         row_sum_defect: row_sum_defect(&known)
             .max(reception_sums.map_or(0.0, |sums| row_sum_defect(&sums))),
         reciprocity_defect,
@@ -242,6 +296,19 @@ fn balance(
         transport_time: Duration::ZERO,
         solve_time: Duration::ZERO,
     }
+}
+
+/// Σ A |Σ_j F_ij − 1| / Σ A over the known rows.
+fn mean_row_sum_defect(mesh: &PatchMesh, row_sums: &[Option<f64>]) -> f64 {
+    let (mut defect, mut area) = (0.0, 0.0);
+    for (i, sum) in row_sums.iter().enumerate() {
+        if let Some(sum) = sum {
+            let a = mesh.area(PatchId(i as u32));
+            defect += a * (sum - 1.0).abs();
+            area += a;
+        }
+    }
+    if area > 0.0 { defect / area } else { 0.0 }
 }
 
 impl Radiosity {

@@ -26,6 +26,7 @@ pub enum Purpose {
     Hemisphere,
     DirectLight,
     Pixel,
+    Verify,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

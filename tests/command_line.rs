@@ -218,6 +218,8 @@ fn info_counts_what_is_there() {
 fn help_states_units_and_defaults() {
     let output = isolux().args(["render", "--help"]).assert().success();
     let said = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    // Lines are broken where they fit.
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
     for word in ["degrees", "pixels", "scene's units", "MiB", "[default: 1]", "moller-trumbore"] {
         assert!(said.contains(word), "no '{word}' in: {said}");
     }
@@ -384,6 +386,92 @@ fn a_description_overrides_materials_and_the_flags_override_the_description() {
     let read = json(&stats);
     assert_eq!((&read["patches"], &read["exposure"]), (&96.into(), &2.0.into()));
     assert_eq!(image::image_dimensions(room.path("out.png")).unwrap(), (6, 4));
+}
+
+#[test]
+fn no_output_overwrites_an_input_or_another_output() {
+    let room = Room::new();
+    for stats in ["room.toml", "room.obj", "out.png"] {
+        let file = room.path(stats);
+        let before = fs::read(&file).ok();
+        let said = refused(&mut room.render("room.toml", &["--stats", file.to_str().unwrap()]));
+        assert!(said.contains("would overwrite"), "{said}");
+        assert_eq!(fs::read(&file).ok(), before);
+    }
+    room.render("room.toml", &["--shading", "flat,smooth,flat"]).assert().success();
+    assert!(room.path("out-flat.png").exists() && room.path("out-smooth.png").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_name_that_is_no_unicode_is_written_all_the_same() {
+    use std::os::unix::ffi::OsStrExt;
+    let room = Room::new();
+    let name = room.0.path().join(std::ffi::OsStr::from_bytes(b"caf\xe9.png"));
+    let mut command = isolux();
+    command.arg("render").arg(room.path("room.toml")).arg("-o").arg(&name).args(QUICK);
+    command.arg("--stats").arg(room.path("stats.json")).assert().success();
+    assert!(name.exists() && room.path("stats.json").exists());
+}
+
+#[test]
+fn what_f32_cannot_trace_is_refused() {
+    let room = Room::new();
+    let text = fs::read_to_string(room.path("room.obj")).unwrap();
+    let moved: String = text
+        .lines()
+        .map(|line| match line.strip_prefix("v ") {
+            Some(xyz) => format!("v 1000000{xyz}\n"),
+            None => format!("{line}\n"),
+        })
+        .collect();
+    room.write("room.obj", &moved);
+    let said = refused(&mut room.render("room.toml", &[]));
+    assert!(said.contains("away from the origin"), "{said}");
+}
+
+#[test]
+fn a_huge_or_tiny_room_looks_like_the_room() {
+    let room = Room::new();
+    let mean = |scale: f64, method: &str| {
+        let obj: String = fs::read_to_string(room.path("room.obj"))
+            .unwrap()
+            .lines()
+            .map(|line| match line.strip_prefix("v ") {
+                Some(xyz) => {
+                    let xyz = xyz.split(' ').map(|x| x.parse::<f64>().unwrap() * scale);
+                    let words: Vec<String> = xyz.map(|x| format!("{x:e}")).collect();
+                    format!("v {}\n", words.join(" "))
+                }
+                None => format!("{line}\n"),
+            })
+            .collect();
+        room.write("scaled.obj", &obj);
+        room.write(
+            "scaled.toml",
+            &format!(
+                "models = ['scaled.obj']\n[camera]\nposition = [{}, {}, {}]\nlook_at = [{}, {}, 0]\n",
+                2.0 * scale, 2.0 * scale, 9.0 * scale, 2.0 * scale, scale
+            ),
+        );
+        let file = room.path("scaled.exr");
+        let mut command = isolux();
+        command.arg("render").arg(room.path("scaled.toml")).arg("-o").arg(&file).args(QUICK);
+        command.args(["--form-factors", method]).assert().success();
+        let picture = image::open(&file).expect("a picture").into_rgb32f();
+        picture.pixels().map(|p| p.0[1] as f64).sum::<f64>()
+    };
+    for method in ["hemisphere", "pairs"] {
+        let expected = mean(1.0, method);
+        for scale in [2f64.powi(-28), 1e-3, 1e6, 2f64.powi(36)] {
+            let found = mean(scale, method);
+            // A scale by a power of two changes nothing but what exponents say; others round.
+            assert!(
+                (found / expected - 1.0).abs() < 0.02,
+                "{method}, {scale:e}: {found}, {expected}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -55,7 +55,7 @@ pub struct RenderArguments {
     pub form_factors: MethodName,
 
     /// Samples a pair [default: 9], or rays a patch [default: 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24),
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20),
           help_heading = "Light")]
     pub samples: Option<u32>,
 
@@ -65,7 +65,7 @@ pub struct RenderArguments {
 
     /// Points of the emitters sampled for each patch's direct light; 0 leaves it to the form factors
     /// [default: 64 with --form-factors hemisphere if the emitters are small, else 0]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=1 << 24),
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=1 << 20),
           help_heading = "Light")]
     pub direct: Option<u32>,
 

@@ -5,6 +5,7 @@ mod info;
 mod progress;
 mod render;
 mod report;
+mod verify;
 
 use clap::{Parser, Subcommand};
 use std::io::Write;
@@ -22,16 +23,18 @@ struct Cli {
 enum Command {
     Render(Box<arguments::RenderArguments>),
     Info(info::Arguments),
+    Verify(verify::Arguments),
 }
 
 /// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input.
 pub fn run() -> ExitCode {
     let result = match Cli::parse().command {
-        Command::Render(arguments) => render::run(&arguments),
-        Command::Info(arguments) => info::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Verify(arguments) => verify::run(&arguments),
     };
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) => {
             complain(&format!("error: {error}\n"));
             ExitCode::from(2)

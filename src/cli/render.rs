@@ -6,7 +6,7 @@ use super::{progress, say, warn};
 use crate::bvh::AnyBvh;
 use crate::coverage;
 use crate::error::{Error, Result};
-use crate::export::file::{Output, check_writable, write_all};
+use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::memory;
 use crate::patches::{PatchMesh, Subdivision};
@@ -38,6 +38,7 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
     let pictures = pictures(arguments)?;
 
     let description = Description::load(&arguments.scene)?;
+    check_overwriting(arguments, &pictures, &description)?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);
     let frame = frame(arguments, &description, pictures.len())?;
@@ -59,9 +60,10 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
     .map_err(|error| error.in_file_if_none(&arguments.scene))?;
 
     let rendering = Instant::now();
-    let images = draw(arguments, &caster, &mesh, &camera, &frame, &pictures, &light);
+    let (images, cover_rays) = draw(arguments, &caster, &mesh, &camera, &frame, &pictures, &light);
     let given = arguments.exposure.or(description.image.exposure);
-    let exposure = given.unwrap_or_else(|| tone::automatic_exposure(&images[0]));
+    let exposure =
+        given.unwrap_or_else(|| tone::automatic_exposure(&images[0], scene.dimmest_emitter()));
     let mut outputs = encode(&pictures, &images, exposure)?;
     let render = rendering.elapsed();
 
@@ -70,7 +72,7 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
         triangles: scene.triangles.len(),
         patches: mesh.len(),
         open_edges: Topology::new(&scene.triangles).open_edges(),
-        rays: light.rays + frame.rays(),
+        rays: light.rays + cover_rays + frame.rays(),
         transport_rays: light.rays,
         peak_memory_bytes: memory::peak(),
         seconds: Seconds {
@@ -82,12 +84,14 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
             total: start.elapsed().as_secs_f64(),
         },
         residuals: light.residuals,
+        iterations: light.iterations,
         row_sum_defect: light.row_sum_defect,
+        mean_row_sum_defect: light.mean_row_sum_defect,
         reciprocity_defect: light.reciprocity_defect,
         energy: light.energy.into(),
         exposure,
         automatic_exposure: given.is_none(),
-        files: pictures.iter().map(|picture| picture.path.clone()).collect(),
+        files: pictures.iter().map(|picture| picture.path.to_string_lossy().into()).collect(),
     };
     if let Some(path) = &arguments.stats {
         outputs.push(Output { path: path.clone(), bytes: report.to_json() });
@@ -108,7 +112,13 @@ struct Picture {
 fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
     let format = Format::of(&arguments.output)?;
     let mut shadings = arguments.shading.clone();
-    shadings.dedup();
+    let mut seen = Vec::new();
+    shadings.retain(|shading| {
+        !seen.contains(shading) && {
+            seen.push(*shading);
+            true
+        }
+    });
     let several = shadings.len() > 1;
     let pictures: Vec<Picture> = shadings
         .into_iter()
@@ -125,6 +135,19 @@ fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
         check_writable(path)?;
     }
     Ok(pictures)
+}
+
+/// Refuses a run that would destroy its own input or write two outputs to one file.
+fn check_overwriting(
+    arguments: &RenderArguments,
+    pictures: &[Picture],
+    description: &Description,
+) -> Result<()> {
+    let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
+    outputs.extend(arguments.stats.as_deref());
+    let mut inputs = vec![description.file.as_path()];
+    inputs.extend(description.models.iter().map(PathBuf::as_path));
+    check_distinct(&outputs, &inputs)
 }
 
 /// room.png becomes room-flat.png.
@@ -210,8 +233,8 @@ fn draw(
     frame: &Frame,
     pictures: &[Picture],
     light: &Radiosity,
-) -> Vec<Image> {
-    let uncovered = coverage::uncovered(caster, mesh);
+) -> (Vec<Image>, u64) {
+    let (uncovered, rays) = coverage::uncovered(caster, mesh);
     let shadings: Vec<Box<dyn Shading + '_>> = pictures
         .iter()
         .map(|picture| -> Box<dyn Shading> {
@@ -229,7 +252,7 @@ fn draw(
     let bar = progress::bar("render");
     let images = render::render(caster, mesh, camera, frame, &shadings, &bar);
     bar.finish_and_clear();
-    images
+    (images, rays)
 }
 
 fn encode(pictures: &[Picture], images: &[Image], exposure: f32) -> Result<Vec<Output>> {

@@ -4,7 +4,6 @@ use crate::color::Rgb64;
 use crate::radiosity::Energy;
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
 
 /// The facts of one run. Times in seconds, energies per channel in watts, defects raw.
 #[derive(Serialize)]
@@ -19,15 +18,18 @@ pub struct Report {
     /// `null` where the system does not tell.
     pub peak_memory_bytes: Option<u64>,
     pub seconds: Seconds,
-    /// The relative residual after each iteration.
+    /// The relative residual after each iteration; of shooting, after each thousandth of a round.
     pub residuals: Vec<f64>,
+    pub iterations: usize,
     /// The largest |Σ_j F_ij − 1|.
     pub row_sum_defect: f64,
+    /// The same, as a mean weighted by area.
+    pub mean_row_sum_defect: f64,
     /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `null` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: EnergyBalance,
     pub exposure: f32,
-    pub files: Vec<PathBuf>,
+    pub files: Vec<String>,
     #[serde(skip)]
     pub automatic_exposure: bool,
 }
@@ -74,14 +76,13 @@ impl Report {
             let _ = writeln!(text, "  {name:<13} {value}");
         };
         line("mesh", format!("{} triangles, {} patches", self.triangles, self.patches));
-        line(
-            "solution",
-            format!(
-                "residual {:.1e} after {} iterations",
-                self.residuals.last().copied().unwrap_or(f64::NAN),
-                self.residuals.len()
-            ),
-        );
+        let solution = match self.residuals.last() {
+            Some(residual) => {
+                format!("residual {residual:.1e} after {} iterations", self.iterations)
+            }
+            None => "not iterated".into(),
+        };
+        line("solution", solution);
         let reciprocity = match self.reciprocity_defect {
             Some(defect) => format!("{defect:.2e}"),
             None => "not measured (no matrix)".into(),
@@ -92,7 +93,10 @@ impl Report {
         };
         line(
             "defects",
-            format!("row sum {:.2e}{open}, reciprocity {reciprocity}", self.row_sum_defect),
+            format!(
+                "row sum {:.2e} at most, {:.2e} on average{open}; reciprocity {reciprocity}",
+                self.row_sum_defect, self.mean_row_sum_defect
+            ),
         );
         line("emitted", watts(self.energy.emitted));
         line("absorbed", watts(self.energy.absorbed));
@@ -119,7 +123,7 @@ impl Report {
         let how = if self.automatic_exposure { " (automatic)" } else { "" };
         line("exposure", format!("{:.4}{how}", self.exposure));
         for file in &self.files {
-            line("wrote", file.display().to_string());
+            line("wrote", file.clone());
         }
         text
     }
@@ -128,5 +132,9 @@ impl Report {
 fn watts(power: [f64; 3]) -> String {
     let [r, g, b] = power;
     let mean = Rgb64::from(power).element_sum() / 3.0;
-    format!("{r:.6} {g:.6} {b:.6} W (mean {mean:.6})")
+    let [r, g, b, mean] = [r, g, b, mean].map(|x| match x.abs() {
+        0.0 | 1e-3..1e6 => format!("{x:.5}"),
+        _ => format!("{x:.5e}"),
+    });
+    format!("{r} {g} {b} W (mean {mean})")
 }

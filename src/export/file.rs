@@ -25,6 +25,11 @@ pub fn check_writable(path: &Path) -> Result<()> {
     if is_special(path) {
         return Ok(());
     }
+    if path.is_symlink() && !path.exists() {
+        return Err(Error::new("this is a link to nothing")
+            .in_file(path)
+            .remedy("delete the link, or create what it points to"));
+    }
     let folder = folder_of(path);
     if !folder.is_dir() {
         return Err(Error::new(format!("the folder {} does not exist", folder.display()))
@@ -32,6 +37,28 @@ pub fn check_writable(path: &Path) -> Result<()> {
             .remedy("create it, or write elsewhere"));
     }
     stage(path, &[]).map(drop)
+}
+
+/// Refuses outputs that would overwrite each other or one of the inputs.
+///
+/// # Errors
+/// With the path and the remedy.
+pub fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
+    // A file that is not there yet is told by its folder and name.
+    let place = |path: &Path| {
+        std::fs::canonicalize(path)
+            .ok()
+            .or_else(|| Some(std::fs::canonicalize(folder_of(path)).ok()?.join(path.file_name()?)))
+    };
+    for (i, output) in outputs.iter().enumerate() {
+        let is_same = |other: &&&Path| !is_special(output) && place(other) == place(output);
+        if let Some(other) = outputs[..i].iter().chain(inputs).find(is_same) {
+            return Err(Error::new(format!("this output would overwrite {}", other.display()))
+                .in_file(output)
+                .remedy("give it a name of its own"));
+        }
+    }
+    Ok(())
 }
 
 /// Writes every output under a temporary name beside it, then to devices and pipes, then renames
@@ -63,13 +90,15 @@ fn stage(path: &Path, bytes: &[u8]) -> Result<NamedTempFile> {
     };
     let mut builder = tempfile::Builder::new();
     builder.prefix(".isolux-").suffix(".part");
+    let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // What a file usually gets; the user's umask takes its part off.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
+        // An existing file's permissions stay; of a new one the user's umask takes its part off.
+        let usual = || std::fs::Permissions::from_mode(0o666);
+        builder
+            .permissions(std::fs::metadata(&target).map_or_else(|_| usual(), |m| m.permissions()));
     }
-    let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let mut file = builder.tempfile_in(folder_of(&target)).map_err(failed)?;
     file.write_all(bytes).and_then(|()| file.flush()).map_err(failed)?;
     Ok(file)
@@ -116,6 +145,17 @@ mod tests {
         assert!(check_writable(&folder.path().join("missing/a.png")).is_err());
         assert!(check_writable(&folder.path().join("a.png")).is_ok());
         assert!(check_writable(Path::new("")).is_err());
+    }
+
+    #[test]
+    fn outputs_must_differ_from_each_other_and_from_the_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+        let dotted = folder.path().join("./a");
+        assert!(check_distinct(&[&a, &b], &[]).is_ok());
+        assert!(check_distinct(&[&a, &dotted], &[]).is_err());
+        assert!(check_distinct(&[&a], &[&b, &dotted]).is_err());
+        assert!(check_distinct(&[Path::new("/dev/null"); 2], &[]).is_ok());
     }
 
     #[cfg(unix)]

@@ -23,13 +23,13 @@ use rayon::prelude::*;
 pub struct Emitters<'m> {
     emitters: Vec<Emitter<'m>>,
     /// Sum of the probabilities up to and including each emitter; the last is 1.
-    cumulative: Vec<f32>,
+    cumulative: Vec<f64>,
 }
 
 struct Emitter<'m> {
     facet: Facet<'m>,
     exitance: Rgb64,
-    probability: f32,
+    probability: f64,
 }
 
 impl<'m> Emitters<'m> {
@@ -50,9 +50,9 @@ impl<'m> Emitters<'m> {
         let mut cumulative = Vec::with_capacity(emitters.len());
         for emitter in &mut emitters {
             let probability = power(emitter) / total;
-            emitter.probability = probability as f32;
+            emitter.probability = probability;
             sum += probability;
-            cumulative.push(sum as f32);
+            cumulative.push(sum);
         }
         if let Some(last) = cumulative.last_mut() {
             *last = 1.0;
@@ -72,10 +72,12 @@ impl<'m> Emitters<'m> {
     /// The emitter for ξ, and ξ stretched over its share so that it can be used again.
     fn choose(&self, xi: f32) -> (&Emitter<'m>, f32) {
         let last = self.emitters.len() - 1;
+        let xi = xi as f64;
         let index = self.cumulative.partition_point(|&sum| sum <= xi).min(last);
         let below = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
         let share = self.cumulative[index] - below;
-        (&self.emitters[index], ((xi - below) / share).clamp(0.0, 1f32.next_down()))
+        let stretched = ((xi - below) / share) as f32;
+        (&self.emitters[index], stretched.clamp(0.0, 1f32.next_down()))
     }
 }
 
@@ -130,7 +132,7 @@ impl DirectWork {
             if let Some(sample) = sample(&patch, &emitter.facet, &point) {
                 let factor = sample.exchange as f64 / patch.area();
                 self.segments.push(sample.segment);
-                self.light.push(emitter.exitance * (factor / emitter.probability as f64));
+                self.light.push(emitter.exitance * (factor / emitter.probability));
             }
         }
         of.caster.occluded_batch(&self.segments, &mut self.blocked);

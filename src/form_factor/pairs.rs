@@ -97,7 +97,7 @@ fn sample_area(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
     let r2 = d.length_squared();
     Some(PairSample {
         segment: Ray::segment(a.side.lifted(x), b.side.lifted(y)),
-        exchange: a.area * b.area * (cos_a / r2) * (cos_b / r2) / PI,
+        exchange: (a.area * (cos_a / r2)) * (b.area * (cos_b / r2)) / PI,
     })
 }
 
@@ -138,13 +138,14 @@ impl<C: RayCaster> Estimator<'_, C> {
         let mut work = PairWork::default();
         let points = PairPoints::new(self);
         let (mut sum, mut squares) = (0.0, 0.0);
-        if !self.faces_away(i, j) {
-            work.add(0, &a, &b, (0..self.samples).map(|k| points.get(i, j, k)));
-        }
-        self.resolve(&mut work, |_, exchange| {
+        let mut add = |_: usize, exchange: f32| {
             sum += exchange as f64;
             squares += (exchange as f64).powi(2);
-        });
+        };
+        if !self.faces_away(i, j) {
+            self.estimate(&mut work, &points, 0, (&a, i), (&b, j), &mut add);
+        }
+        self.resolve(&mut work, &mut add);
         let n = self.samples as f64;
         let variance = (squares / n - (sum / n).powi(2)).max(0.0);
         Estimate { mean: sum / n, standard_error: (variance / (n - 1.0).max(1.0)).sqrt() }
@@ -182,23 +183,45 @@ impl<C: RayCaster> Estimator<'_, C> {
         let facets = |block| members(block).map(|i| Facet::patch(self.mesh, i)).collect::<Vec<_>>();
         let (rows, columns) = (facets(row), facets(column));
         let mut facing = FacingCache::default();
+        let mut tile = Box::new([[0.0; TILE]; TILE]);
+        let mut any = false;
+        let weight = 1.0 / self.samples as f32;
+        let mut add = |slot: usize, exchange: f32| {
+            tile[slot / TILE][slot % TILE] += exchange * weight;
+            any = true;
+        };
         for (a, i) in rows.iter().zip(members(row)) {
             for (b, j) in columns.iter().zip(members(column)) {
                 if j > i && facing.possible(self, i, j) {
                     let slot = (i.index() % TILE) * TILE + j.index() % TILE;
-                    work.add(slot, a, b, (0..self.samples).map(|k| points.get(i, j, k)));
+                    self.estimate(work, points, slot, (a, i), (b, j), &mut add);
                 }
             }
         }
-        let mut tile = Box::new([[0.0; TILE]; TILE]);
-        let mut any = false;
-        let weight = 1.0 / self.samples as f32;
-        self.resolve(work, |slot, exchange| {
-            tile[slot / TILE][slot % TILE] += exchange * weight;
-            any = true;
-        });
+        self.resolve(work, &mut add);
         self.progress.inc(1);
         any.then_some(tile)
+    }
+
+    /// Collects the samples of one pair, tracing whenever a batch is full.
+    fn estimate(
+        &self,
+        work: &mut PairWork,
+        points: &PairPoints,
+        slot: usize,
+        (a, i): (&Facet, PatchId),
+        (b, j): (&Facet, PatchId),
+        mut add: impl FnMut(usize, f32),
+    ) {
+        for k in 0..self.samples {
+            if let Some(sample) = sample(a, b, &points.get(i, j, k)) {
+                work.segments.push(sample.segment);
+                work.exchanges.push((slot, sample.exchange));
+            }
+            if work.segments.len() >= BATCH {
+                self.resolve(work, &mut add);
+            }
+        }
     }
 
     /// Traces the collected segments and passes each clear one's exchange on.
@@ -226,7 +249,14 @@ impl<C: RayCaster> Estimator<'_, C> {
             let sign = if self.mesh.side(of).is_back { -1.0 } else { 1.0 };
             let normal = shape.double_area_normal() * sign;
             let p0 = shape.p[0].as_dvec3();
-            other.p.iter().all(|p| normal.dot(p.as_dvec3() - p0) <= 0.0)
+            let size = shape.longest_edge();
+            // A corner on the plane (a shared one, say) is not in front of it. The triple product
+            // rounds 7 times at most, each of its 6 products is below size² times the distance.
+            let rounding = 7.0 * 6.0 * f64::EPSILON * size * size;
+            other.p.iter().all(|p| {
+                let to_corner = p.as_dvec3() - p0;
+                normal.dot(to_corner) <= rounding * to_corner.length()
+            })
         };
         behind(i, j) || behind(j, i)
     }
@@ -250,6 +280,9 @@ impl FacingCache {
     }
 }
 
+/// Segments that are traced together: enough to pay for a call, few enough for the cache.
+const BATCH: usize = 16 * 1024;
+
 /// Samples waiting to be traced in one batch.
 #[derive(Default)]
 struct PairWork {
@@ -257,17 +290,6 @@ struct PairWork {
     /// (slot, exchange) of each segment.
     exchanges: Vec<(usize, f32)>,
     blocked: Vec<bool>,
-}
-
-impl PairWork {
-    fn add(&mut self, slot: usize, a: &Facet, b: &Facet, points: impl Iterator<Item = PairPoint>) {
-        for point in points {
-            if let Some(sample) = sample(a, b, &point) {
-                self.segments.push(sample.segment);
-                self.exchanges.push((slot, sample.exchange));
-            }
-        }
-    }
 }
 
 /// The points of every pair, as the estimator's point set places them.
@@ -339,6 +361,9 @@ impl<C: RayCaster> PairRows<'_, C> {
         let own = Facet::patch(of.mesh, i);
         let first = block * TILE;
         let mut facing = FacingCache::default();
+        let mut exchange = [0f32; TILE];
+        let weight = 1.0 / of.samples as f32;
+        let mut add = |slot: usize, sample: f32| exchange[slot] += sample * weight;
         for j in (first..(first + TILE).min(of.mesh.len())).map(|j| PatchId(j as u32)) {
             if j == i || !facing.possible(of, i, j) {
                 continue;
@@ -348,11 +373,9 @@ impl<C: RayCaster> PairRows<'_, C> {
             let (low, high) = (i.min(j), i.max(j));
             let (a, b) = if i < j { (&own, &other) } else { (&other, &own) };
             let slot = j.index() - first;
-            work.add(slot, a, b, (0..of.samples).map(|k| points.get(low, high, k)));
+            of.estimate(work, points, slot, (a, low), (b, high), &mut add);
         }
-        let mut exchange = [0f32; TILE];
-        let weight = 1.0 / of.samples as f32;
-        of.resolve(work, |slot, sample| exchange[slot] += sample * weight);
+        of.resolve(work, &mut add);
         (0..TILE)
             .filter(|&slot| exchange[slot] > 0.0)
             .map(|slot| (PatchId((first + slot) as u32), exchange[slot] as f64 / area))

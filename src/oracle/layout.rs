@@ -14,8 +14,8 @@ mod installed {
 }
 
 pub use installed::{
-    RTC_VERSION_MAJOR, RTC_VERSION_MINOR, RTC_VERSION_PATCH, RTCHit, RTCHit4, RTCHit8, RTCHit16,
-    RTCRay, RTCRay4, RTCRay8, RTCRay16, RTCRayHit, RTCRayHit4, RTCRayHit8, RTCRayHit16,
+    RTC_VERSION_MAJOR, RTC_VERSION_MINOR, RTCHit, RTCHit4, RTCHit8, RTCHit16, RTCRay, RTCRay4,
+    RTCRay8, RTCRay16, RTCRayHit, RTCRayHit4, RTCRayHit8, RTCRayHit16,
 };
 
 #[cfg(embree_last_error_message)]
@@ -62,10 +62,7 @@ mod tests {
     fn embree4_sys_still_lays_a_hit_out_otherwise_than_the_installed_embree() {
         let (installed, carried) = (size_of::<RTCRayHit>(), size_of::<embree4_sys::RTCRayHit>());
         assert_eq!(carried, 80, "embree4-sys has changed its RTCRayHit");
-        assert_ne!(
-            installed, carried,
-            "Embree {RTC_VERSION_MAJOR}.{RTC_VERSION_MINOR}.{RTC_VERSION_PATCH} and embree4-sys agree"
-        );
+        assert_ne!(installed, carried, "the installed Embree and embree4-sys agree");
         assert_ne!(size_of::<RTCRayHit16>(), size_of::<embree4_sys::RTCRayHit16>());
         // What precedes the difference is alike, as is what the crate's functions pass by value.
         assert_eq!(size_of::<RTCRay>(), size_of::<embree4_sys::RTCRay>());

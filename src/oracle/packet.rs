@@ -74,13 +74,17 @@ macro_rules! copy {
 
 /// One width's packet: a struct with arrays of `$lanes`, and the two functions that take it.
 macro_rules! packet {
-    ($name:ident, $lanes:literal, $ray:ident, $hit:ident, $both:ident, $intersect:ident, $occluded:ident) => {
+    (
+        $name:ident, $lanes:literal, $ray:ident, $hit:ident, $both:ident,
+        $intersect:ident, $occluded:ident
+    ) => {
         #[derive(Default)]
         pub(super) struct $name($ray);
 
         impl Packet<$lanes> for $name {
             fn set(&mut self, lane: usize, ray: &RTCRay) {
-                copy!(self.0[lane] = ray: org_x org_y org_z tnear dir_x dir_y dir_z time tfar mask id flags);
+                copy!(self.0[lane] = ray: org_x org_y org_z tnear dir_x dir_y dir_z time);
+                copy!(self.0[lane] = ray: tfar mask id flags);
             }
 
             fn nearest(self, scene: &EmbreeScene, mask: &Mask<$lanes>) -> [Option<Hit>; $lanes] {

@@ -45,8 +45,8 @@ impl Cell {
     /// The inverse of [`Cell::number`].
     #[inline]
     pub fn from_number(level: u32, number: u32) -> Cell {
-        // number = i·(2n − i) at a row's start, so i = n − √(n² − number), exactly in f64 up to the
-        // last bit, which flooring an epsilon above undoes (level ≤ MAX_LEVEL keeps n² below 2²⁶).
+        // number = i·(2n − i) at a row's start, so i = n − √(n² − number). Squares are exact and
+        // correctly rounded roots of n² ≤ 2²⁴ cannot round across an integer, but the loop proves it.
         let n = 1u32 << level;
         let root = ((n as u64 * n as u64 - number as u64) as f64).sqrt();
         let mut i = (n as f64 - root) as u32;

@@ -10,6 +10,7 @@ mod cell;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
+pub use crate::scene::description::MAX_LEVEL;
 use crate::scene::{MaterialId, Scene};
 pub use cell::Cell;
 use glam::Vec3;
@@ -75,8 +76,6 @@ impl Side {
     }
 }
 
-/// Every triangle may be split this often: 4¹² patches of one triangle.
-pub const MAX_LEVEL: u32 = 12;
 /// Patch numbers and ray counts stay well inside 32 bits.
 const MAX_PATCHES: usize = 1 << 28;
 
@@ -253,8 +252,12 @@ fn shortest_edge_for(edges: &[f64], most: usize) -> f64 {
         levels_for(edges, length).iter().map(|&level| 4f64.powi(level as i32)).sum()
     };
     let longest = edges.iter().copied().fold(0.0, f64::max);
+    if edges.len() >= most {
+        return longest;
+    }
     let (mut too_short, mut good) = (longest / (1u64 << MAX_LEVEL) as f64, longest);
-    for _ in 0..60 {
+    // Twelve octaves, halved so often, are known to a millionth.
+    for _ in 0..24 {
         let middle = (too_short * good).sqrt();
         if count(middle) <= most as f64 {
             good = middle;

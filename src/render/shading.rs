@@ -44,7 +44,8 @@ impl Flat {
     pub fn new(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64]) -> Self {
         let radiance = |(i, (irradiance, uncovered)): (usize, (&Rgb64, &f64))| {
             let patch = PatchId(i as u32);
-            let reflected = mesh.reflectance(patch) * (irradiance / uncovered).as_vec3();
+            let share = if *uncovered > 0.0 { *uncovered } else { 1.0 };
+            let reflected = mesh.reflectance(patch) * (irradiance / share).as_vec3();
             (mesh.exitance(patch) + reflected) / PI
         };
         Flat { radiance: irradiance.iter().zip(uncovered).enumerate().map(radiance).collect() }

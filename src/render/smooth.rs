@@ -141,21 +141,41 @@ fn seams(mesh: &PatchMesh, crease: f32) -> Vec<Seam> {
     seams
 }
 
-/// A weighted sum on its way to a mean.
+/// A weighted sum on its way to a mean. Patches that are covered everywhere are kept apart: they
+/// count only where there are no others.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
-    irradiance: Rgb64,
-    weight: f64,
+    power: Rgb64,
+    area: f64,
+    covered_power: Rgb64,
+    covered_area: f64,
 }
 
 impl Sum {
+    fn of(irradiance: Rgb64, area: f64, uncovered: f64) -> Self {
+        let power = irradiance * area;
+        if uncovered > 0.0 {
+            // What arrives on the patch arrives on its uncovered part.
+            Sum { power, area: area * uncovered, ..Sum::default() }
+        } else {
+            Sum { covered_power: power, covered_area: area, ..Sum::default() }
+        }
+    }
+
     fn add(&mut self, other: Sum) {
-        self.irradiance += other.irradiance;
-        self.weight += other.weight;
+        self.power += other.power;
+        self.area += other.area;
+        self.covered_power += other.covered_power;
+        self.covered_area += other.covered_area;
     }
 
     fn mean(&self) -> Rgb {
-        (self.irradiance / self.weight).as_vec3()
+        let mean = if self.area > 0.0 {
+            self.power / self.area
+        } else {
+            self.covered_power / self.covered_area
+        };
+        mean.as_vec3()
     }
 }
 
@@ -173,9 +193,8 @@ impl Lattices {
             lattices.first.push(first);
             lattices.sums.resize(first + lattice_size(side.level), Sum::default());
             for (number, patch) in side.patches().enumerate() {
-                // What arrives on the patch arrives on its uncovered part.
-                let weight = side.patch_area * uncovered[patch.index()];
-                let sum = Sum { irradiance: irradiance[patch.index()] * side.patch_area, weight };
+                let (irradiance, uncovered) = (irradiance[patch.index()], uncovered[patch.index()]);
+                let sum = Sum::of(irradiance, side.patch_area, uncovered);
                 for corner in Cell::from_number(side.level, number as u32).corners() {
                     lattices.sums[first + lattice_index(side.level, corner)].add(sum);
                 }
@@ -352,6 +371,10 @@ mod tests {
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
         let values = [3.0, 1.5].map(Rgb64::splat);
         let v = VertexIrradiance::new(&mesh, &values, &[1.0, 0.5], 30.0);
+        assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
+        // Covered everywhere, the second triangle says nothing about the common edge.
+        let values = [3.0, 0.0].map(Rgb64::splat);
+        let v = VertexIrradiance::new(&mesh, &values, &[1.0, 0.0], 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
     }
 

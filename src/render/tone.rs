@@ -3,11 +3,15 @@
 use super::Image;
 use crate::color::{luminance, srgb_encode};
 
-/// The exposure at which the 95th percentile of the lit pixels' luminance is 0.8 of white: bright
-/// surfaces stay below it and only lamps and their neighbourhood clip. 1 for a black image.
-pub fn automatic_exposure(image: &Image) -> f32 {
-    let mut lit: Vec<f32> =
-        image.pixels.iter().map(|p| luminance(*p)).filter(|l| *l > 0.0).collect();
+/// The exposure at which the 95th percentile of the lit surfaces' luminance is 0.8 of white: only
+/// lamps and what is near them clip. 1 for a black image.
+///
+/// `lamp` is the luminance of the dimmest emitter. What only reflects is darker than the brightest,
+/// so that pixels of half that and more are taken for lamps, unless there is nothing else.
+pub fn automatic_exposure(image: &Image, lamp: f32) -> f32 {
+    let lit: Vec<f32> = image.pixels.iter().map(|p| luminance(*p)).filter(|l| *l > 0.0).collect();
+    let reflecting: Vec<f32> = lit.iter().copied().filter(|l| *l < 0.5 * lamp).collect();
+    let mut lit = if reflecting.is_empty() { lit } else { reflecting };
     if lit.is_empty() {
         return 1.0;
     }
@@ -39,8 +43,12 @@ mod tests {
     fn a_lamp_does_not_darken_the_room() {
         let mut values = vec![2.0; 99];
         values.push(1000.0);
-        assert!((automatic_exposure(&image(&values)) - 0.4).abs() < 1e-6);
-        assert_eq!(automatic_exposure(&image(&[0.0; 4])), 1.0);
+        assert!((automatic_exposure(&image(&values), 1000.0) - 0.4).abs() < 1e-6);
+        assert_eq!(automatic_exposure(&image(&[0.0; 4]), 1000.0), 1.0);
+        // Neither does one that fills half of the picture; alone, it is what there is to see.
+        values.extend([1000.0; 100]);
+        assert!((automatic_exposure(&image(&values), 1000.0) - 0.4).abs() < 1e-6);
+        assert!((automatic_exposure(&image(&[1000.0; 4]), 1000.0) - 0.0008).abs() < 1e-9);
     }
 
     #[test]

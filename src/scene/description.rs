@@ -1,5 +1,6 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
+use super::obj::text::{decode, read_bytes};
 use super::{Camera, Material};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -7,6 +8,12 @@ use glam::Vec3;
 use serde::Deserialize;
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
+
+/// The most pixels along a side of a picture, samples of anything, and times that a triangle may be
+/// split, which makes 4¹² patches of it.
+pub const MAX_SIZE: u32 = 1 << 16;
+pub const MAX_SAMPLES: u32 = 1 << 20;
+pub const MAX_LEVEL: u32 = 12;
 
 /// What a description file says. A bare model is a description that says only its name.
 #[derive(Debug, Clone)]
@@ -42,6 +49,42 @@ pub struct ImageDefaults {
 pub struct PatchDefaults {
     pub levels: Option<u32>,
     pub max_edge: Option<f32>,
+}
+
+impl ImageDefaults {
+    fn check(&self) -> Result<()> {
+        if self.size.is_some_and(|size| size.iter().any(|n| !(1..=MAX_SIZE).contains(n))) {
+            return Err(Error::new("[image]: size is outside 1 to 65536 pixels")
+                .remedy("640 x 480 is usual: size = [640, 480]"));
+        }
+        if self.samples.is_some_and(|n| !(1..=MAX_SAMPLES).contains(&n)) {
+            return Err(
+                Error::new("[image]: samples is outside 1 to 1048576").remedy("16 is usual")
+            );
+        }
+        if self.exposure.is_some_and(|x| !(x > 0.0 && x.is_finite())) {
+            return Err(Error::new("[image]: exposure is not a number above zero")
+                .remedy("leave it out for an automatic one"));
+        }
+        Ok(())
+    }
+}
+
+impl PatchDefaults {
+    fn check(&self) -> Result<()> {
+        if self.levels.is_some() && self.max_edge.is_some() {
+            return Err(Error::new("[patches]: both levels and max_edge").remedy("give one"));
+        }
+        if self.levels.is_some_and(|levels| levels > MAX_LEVEL) {
+            return Err(Error::new(format!("[patches]: levels is above {MAX_LEVEL}"))
+                .remedy("each level quadruples the patches; 2 to 5 are usual"));
+        }
+        if self.max_edge.is_some_and(|length| !(length > 0.0 && length.is_finite())) {
+            return Err(Error::new("[patches]: max_edge is not a number above zero")
+                .remedy("give a length in the scene's units"));
+        }
+        Ok(())
+    }
 }
 
 #[derive(Deserialize)]
@@ -121,8 +164,11 @@ impl Description {
     }
 
     fn read(path: &Path) -> Result<Description> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| Error::io(path, "read the description", &e))?;
+        let bytes = read_bytes(path).map_err(|error| {
+            Error::io(path, "read the description", &error)
+                .remedy("check the path and its permissions")
+        })?;
+        let text = decode(bytes, path, "TOML")?;
         let file: File = toml::from_str(&text).map_err(|e| toml_error(path, &text, &e))?;
         Description::check(path, file).map_err(|e| e.in_file(path))
     }
@@ -133,13 +179,15 @@ impl Description {
                 .remedy("list one or more OBJ files: models = [\"room.obj\"]"));
         }
         let metres_per_unit = file.metres_per_unit.unwrap_or(1.0);
-        if !(metres_per_unit > 0.0 && metres_per_unit.is_finite()) {
+        if !(1e-30..=1e30).contains(&metres_per_unit) {
             return Err(Error::new(format!("metres_per_unit is {metres_per_unit}"))
                 .remedy("give a positive number: 0.001 for millimetres"));
         }
         for (name, material) in &file.materials {
             material.check(name)?;
         }
+        file.image.check()?;
+        file.patches.check()?;
         let camera = file.camera.map(|c| {
             let [position, look_at, up] = [c.position, c.look_at, c.up].map(Vec3::from);
             Camera::new(position, look_at, up, c.vertical_fov, c.near)
@@ -264,6 +312,13 @@ mod tests {
             "models = ['a.obj']\n[camera]\nposition = [nan,0,0]\nlook_at = [0,0,1]",
             "models = ['a.obj']\n[materials.x]\nreflectance = [1, 0, 0]",
             "models = ['a.obj']\n[materials.x]\nradiance = [-1, 0, 0]",
+            "models = ['a.obj']\n[image]\nexposure = 0",
+            "models = ['a.obj']\n[image]\nexposure = nan",
+            "models = ['a.obj']\n[image]\nsize = [0, 4]",
+            "models = ['a.obj']\n[image]\nsamples = 4294967295",
+            "models = ['a.obj']\n[patches]\nlevels = 40",
+            "models = ['a.obj']\n[patches]\nmax_edge = -1",
+            "models = ['a.obj']\n[patches]\nlevels = 2\nmax_edge = 1",
             "models = 3",
             "models = ['a.obj'",
         ] {

@@ -7,6 +7,7 @@ pub mod material;
 pub mod obj;
 pub mod topology;
 
+use crate::color::luminance;
 use crate::error::{Error, Result, Warning};
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
@@ -85,6 +86,7 @@ impl Scene {
         }
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
+        scene.warn_of_duplicates();
         Ok(scene)
     }
 
@@ -106,6 +108,25 @@ impl Scene {
         self.material_of.iter().any(|m| self.materials[m.0 as usize].emits())
     }
 
+    /// The luminance of the dimmest material that emits; infinite if none does.
+    pub fn dimmest_emitter(&self) -> f32 {
+        let emitting = self.material_of.iter().map(|m| &self.materials[m.0 as usize]);
+        let luminances = emitting.filter(|m| m.emits()).map(|m| luminance(m.radiance));
+        luminances.fold(f32::INFINITY, f32::min)
+    }
+
+    /// Which of two triangles in one place a ray hits is chance, and so is the light on both.
+    fn warn_of_duplicates(&mut self) {
+        let duplicates = topology::Topology::new(&self.triangles).duplicates();
+        if duplicates > 0 {
+            self.warnings.push(Warning::new(format!(
+                "{duplicates} triangles lie exactly where others do, and will look speckled; a sheet \
+                 that is lit on both sides is one triangle with two_sided = true in a scene \
+                 description's [materials.NAME]"
+            )));
+        }
+    }
+
     /// A kernel multiplies three lengths, so their cubes must be normal f32 numbers.
     fn check_extent(&self, file: &Path) -> Result<()> {
         if self.triangles.is_empty() {
@@ -120,6 +141,22 @@ impl Scene {
             ))
             .in_file(file)
             .remedy("rescale the model; single precision cannot trace it"));
+        }
+        self.check_distance(file)
+    }
+
+    /// Far from the origin f32 has no digits left for the scene: rays are lifted off surfaces by 2⁻¹⁸
+    /// of the largest coordinate, which must stay small beside the scene itself.
+    fn check_distance(&self, file: &Path) -> Result<()> {
+        let bounds = self.bounds();
+        let away = bounds.min.abs().max(bounds.max.abs()).max_element();
+        let ratio = away / bounds.diagonal().max_element();
+        if ratio > 1000.0 {
+            return Err(Error::new(format!(
+                "the scene lies {ratio:.0} times its own size away from the origin"
+            ))
+            .in_file(file)
+            .remedy("move the model towards the origin: single precision cannot trace it there"));
         }
         Ok(())
     }

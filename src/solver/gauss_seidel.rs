@@ -18,7 +18,7 @@ pub fn solve(
 ) -> Result<(Vec<Rgb64>, Vec<f64>)> {
     let mut radiosity = problem.source.clone();
     let mut residuals = Vec::new();
-    while !stop.reached(&residuals, super::MOST_ITERATIONS)? {
+    while !stop.reached(residuals.len(), &residuals, super::MOST_ITERATIONS)? {
         for i in 0..problem.len() {
             let irradiance = form_factors.gather_row(PatchId(i as u32), &radiosity);
             radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance;

@@ -15,7 +15,7 @@ pub fn solve(
     let mut radiosity = problem.source.clone();
     let mut irradiance = form_factors.gather(&radiosity);
     let mut residuals = Vec::new();
-    while !stop.reached(&residuals, super::MOST_ITERATIONS)? {
+    while !stop.reached(residuals.len(), &residuals, super::MOST_ITERATIONS)? {
         for i in 0..problem.len() {
             radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance[i];
         }

@@ -49,8 +49,9 @@ pub struct Solution {
     pub radiosity: Vec<Rgb64>,
     /// H = Σ_j F_ij B_j in W·m⁻², per patch.
     pub irradiance: Vec<Rgb64>,
-    /// The relative residual after each iteration.
+    /// The relative residual after each iteration; of shooting, after each thousandth of a round.
     pub residuals: Vec<f64>,
+    pub iterations: usize,
     /// Σ_j F_ij of each row; `None` for rows that were never needed.
     pub row_sums: Vec<Option<f64>>,
     /// Shooting uses F_ij A_i / A_j for F_ji: the sums of those rows, once every patch has shot.
@@ -88,6 +89,7 @@ impl Problem {
         Ok(Solution {
             irradiance: form_factors.gather(&radiosity),
             radiosity,
+            iterations: residuals.len(),
             residuals,
             row_sums: row_sums.into_iter().map(Some).collect(),
             reception_sums: None,
@@ -128,9 +130,13 @@ impl Problem {
         self.relative(self.power(left))
     }
 
-    /// Power left, relative to the source's, in the worst channel; 0 without a source.
+    /// Power left, relative to the source's, in the worst channel; 0 without a source. NaN if
+    /// anything is not finite, so that nobody takes it for converged.
     fn relative(&self, left: Rgb64) -> f64 {
         let source = self.power(self.source.iter().copied());
+        if !(source.is_finite() && left.is_finite()) {
+            return f64::NAN;
+        }
         (0..3).filter(|&c| source[c] > 0.0).map(|c| left[c] / source[c]).fold(0.0, f64::max)
     }
 
@@ -155,9 +161,9 @@ impl Stop {
     /// Whether to stop after an iteration that left the last of `residuals`.
     ///
     /// # Errors
-    /// Light that grows: the residual is above what it was at the start a thousand times, or not a
-    /// number, or still above the tolerance after `MOST_ITERATIONS` and no longer falling.
-    fn reached(&self, residuals: &[f64], most: usize) -> Result<bool> {
+    /// Light that grows (the residual is a thousand times the first one, or the source) or is not
+    /// finite, and light that is still above the tolerance after `most` iterations.
+    fn reached(&self, done: usize, residuals: &[f64], most: usize) -> Result<bool> {
         let (Some(&first), Some(&last)) = (residuals.first(), residuals.last()) else {
             return Ok(self.iterations == Some(0));
         };
@@ -165,12 +171,12 @@ impl Stop {
             return Err(cannot_converge(format!("the residual grew to {last:e}")));
         }
         if let Some(iterations) = self.iterations {
-            return Ok(residuals.len() >= iterations);
+            return Ok(done >= iterations);
         }
         if last <= self.tolerance {
             return Ok(true);
         }
-        if residuals.len() >= most {
+        if done >= most {
             return Err(cannot_converge(format!(
                 "after {most} iterations the residual is {last:e}, above the tolerance {:e}",
                 self.tolerance
@@ -182,8 +188,8 @@ impl Stop {
 
 fn cannot_converge(why: String) -> Error {
     Error::new(format!("the light does not converge: {why}")).remedy(
-        "lower reflectances that are near 1, take more samples (a form factor that is too large \
-         multiplies light), or use --form-factors hemisphere",
+        "lower reflectances that are near 1, or raise --tolerance; with --form-factors pairs take \
+         more --samples (a form factor that is too large multiplies light) or use hemisphere",
     )
 }
 

@@ -25,17 +25,18 @@ pub fn solve(
         radiosity: problem.source.clone(),
         irradiance: vec![Rgb64::ZERO; n],
         residuals: Vec::new(),
+        iterations: 0,
         row_sums: vec![None; n],
         reception_sums: None,
     };
     let mut reception = vec![0.0; n];
-    while !stop.reached(&solution.residuals, most)? {
+    let mut residual = Vec::new();
+    while !stop.reached(solution.iterations, &residual, most)? {
         let shooter = unshot.brightest();
         let row = rows.row(PatchId(shooter as u32));
         let sum: f64 = row.iter().map(|(_, factor)| factor).sum();
-        if problem.reflectance[shooter].max_element() * sum >= 1.0
-            && problem.reflectance[shooter].max_element() >= 1.0
-        {
+        let reflectance = problem.reflectance[shooter].max_element();
+        if reflectance >= 1.0 && reflectance * sum >= 1.0 {
             return Err(cannot_converge(format!("patch {shooter} gives back all its light")));
         }
         let first_shot = solution.row_sums[shooter].replace(sum).is_none();
@@ -52,12 +53,27 @@ pub fn solve(
             solution.radiosity[j] += reflected;
             unshot.add(j, reflected);
         }
-        solution.residuals.push(problem.relative(unshot.total));
+        residual.truncate(1);
+        residual.push(problem.relative(unshot.total));
+        if solution.iterations % n.div_ceil(1000) == 0 {
+            solution.residuals.extend(residual.last());
+        }
+        solution.iterations += 1;
         progress.inc(1);
+    }
+    if solution.residuals.last() != residual.last() {
+        solution.residuals.extend(residual.last());
     }
     let all_have_shot = solution.row_sums.iter().all(Option::is_some);
     solution.reception_sums = all_have_shot.then_some(reception);
     Ok(solution)
+}
+
+/// Keys in a block: about the root of the number of patches in a usual scene.
+const BLOCK: usize = 256;
+
+fn largest(keys: &[f32]) -> f32 {
+    keys.iter().copied().fold(0.0, f32::max)
 }
 
 /// Radiosity that has not been sent yet.
@@ -66,6 +82,8 @@ struct Unshot<'p> {
     radiosity: Vec<Rgb64>,
     /// Σ over the channels of the power, as the key of the choice.
     keys: Vec<f32>,
+    /// The largest key of each block, so that the choice need not look at all of them.
+    block_keys: Vec<f32>,
     /// Σ A·unshot per channel, kept by differences.
     total: Rgb64,
 }
@@ -75,19 +93,25 @@ impl<'p> Unshot<'p> {
         let radiosity = problem.source.clone();
         let total = problem.power(radiosity.iter().copied());
         let key = |(b, area): (&Rgb64, &f64)| (b.element_sum() * area) as f32;
-        let keys = radiosity.iter().zip(&problem.areas).map(key).collect();
-        Unshot { problem, radiosity, keys, total }
+        let keys: Vec<f32> = radiosity.iter().zip(&problem.areas).map(key).collect();
+        let block_keys = keys.chunks(BLOCK).map(largest).collect();
+        Unshot { problem, radiosity, keys, block_keys, total }
     }
 
     /// The patch with the most unshot power; the lowest of equals.
     fn brightest(&self) -> usize {
-        let most = self.keys.iter().copied().fold(0f32, f32::max);
-        self.keys.iter().position(|&key| key == most).unwrap_or(0)
+        let most = largest(&self.block_keys);
+        let block = self.block_keys.iter().position(|&key| key == most).unwrap_or(0);
+        let keys = self.keys[block * BLOCK..].iter();
+        block * BLOCK + keys.clone().position(|&key| key == most).unwrap_or(0)
     }
 
     fn take(&mut self, i: usize) -> Rgb64 {
         let taken = std::mem::take(&mut self.radiosity[i]);
         self.keys[i] = 0.0;
+        let block = i / BLOCK;
+        let end = ((block + 1) * BLOCK).min(self.keys.len());
+        self.block_keys[block] = largest(&self.keys[block * BLOCK..end]);
         // Differences leave rounding behind; it must not read as negative power.
         self.total = (self.total - taken * self.problem.areas[i]).max(Rgb64::ZERO);
         taken
@@ -96,6 +120,8 @@ impl<'p> Unshot<'p> {
     fn add(&mut self, i: usize, radiosity: Rgb64) {
         self.radiosity[i] += radiosity;
         self.keys[i] = (self.radiosity[i].element_sum() * self.problem.areas[i]) as f32;
+        let block = &mut self.block_keys[i / BLOCK];
+        *block = block.max(self.keys[i]);
         self.total += radiosity * self.problem.areas[i];
     }
 }

@@ -10,6 +10,11 @@
 //! | [`bounds`] | how far each f32 kernel, ours or Embree's, may stray from that truth |
 //! | [`referee`] | the truth about one ray and all triangles |
 //! | [`verdict`] | two answers and the truth: agree, tie, touching, precision, or who is wrong |
+//! | [`tally`] | verdicts, counted |
+//! | [`cross_checked`] | two casters asked at once, in the place of one |
+//! | [`rays`] | rays to ask about, ordinary and nasty |
+//! | [`survey`] | every kind of ray through every pair of casters |
+//! | [`leaks`] | how often a closed mesh lets a ray out |
 //! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
 //!
 //! Nothing here is decided by a guessed tolerance. What is true is decided exactly: f64 with a
@@ -17,10 +22,15 @@
 //! may be forgiven is derived, rounding by rounding, in [`bounds`].
 
 pub mod bounds;
+pub mod cross_checked;
 pub mod exact;
 pub mod forms;
+pub mod leaks;
+pub mod rays;
 pub mod referee;
 pub mod source;
+pub mod survey;
+pub mod tally;
 pub mod truth;
 pub mod verdict;
 

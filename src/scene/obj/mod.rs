@@ -8,7 +8,7 @@ mod left_aside;
 mod mtl_check;
 mod mtl_files;
 mod mtl_materials;
-mod text;
+pub(super) mod text;
 mod triangulate;
 
 use super::material::{Material, MaterialId};

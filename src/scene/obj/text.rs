@@ -16,7 +16,7 @@ const HEAD: usize = 4096;
 
 /// The bytes of a regular file. Directories are refused, and pipes and devices too, since reading
 /// one of those may never end.
-pub(super) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+pub(in crate::scene) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?;
     if kind.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory"));
@@ -31,7 +31,7 @@ pub(super) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
 ///
 /// Bytes that are not UTF-8, as in the comments of old exporters, become U+FFFD. Fails where the
 /// beginning is binary.
-pub(super) fn decode(bytes: Vec<u8>, path: &Path, format: &str) -> Result<String> {
+pub(in crate::scene) fn decode(bytes: Vec<u8>, path: &Path, format: &str) -> Result<String> {
     if is_binary(&bytes[..bytes.len().min(HEAD)]) {
         return Err(Error::new(format!("this does not look like an {format} file"))
             .in_file(path)

@@ -32,13 +32,17 @@ impl Triangulator {
     /// The polygon may be concave and need not be quite planar. A polygon without area becomes
     /// triangles without area.
     pub(super) fn triangulate(&mut self, polygon: &[Vec3], triangles: &mut Vec<Triangle>) {
-        if polygon.len() == 3 || !self.flatten(polygon) || self.fan_fits() {
-            triangles.extend(fan(polygon));
+        if polygon.len() == 3 || !self.flatten(polygon) {
+            triangles.extend(fan(polygon, 0));
+            return;
+        }
+        if let Some(center) = self.fan_center() {
+            triangles.extend(fan(polygon, center));
             return;
         }
         self.earcut.earcut(self.flat.iter().copied(), &[], &mut self.corners);
         if self.corners.is_empty() {
-            triangles.extend(fan(polygon));
+            triangles.extend(fan(polygon, 0));
             return;
         }
         // Earcut's triangles run counter-clockwise whatever its input, and so does `flat`.
@@ -60,16 +64,25 @@ impl Triangulator {
         project3d_to_2d(&self.local, self.local.len(), &mut self.flat)
     }
 
-    /// Whether the fan around the first vertex covers the polygon: that is so if none of its
-    /// triangles is turned over. Convex polygons pass, and concave ones that are star-shaped.
-    fn fan_fits(&self) -> bool {
-        let flat = &self.flat;
-        flat[1..].windows(2).all(|edge| twice_area(flat[0], edge[0], edge[1]) >= 0.0)
+    /// A vertex around which a fan covers the polygon: none of its triangles is turned over. Best
+    /// is one whose triangles all have an area, which a vertex on a straight side spoils. Convex
+    /// polygons have one, and concave ones that are star-shaped.
+    fn fan_center(&self) -> Option<usize> {
+        // A few starts find what there is to find in the polygons of real models.
+        let starts = 0..self.flat.len().min(8);
+        let fits = |least: f64| {
+            move |start: &usize| {
+                fan(&self.flat, *start).all(|[a, b, c]| twice_area(a, b, c) >= least)
+            }
+        };
+        starts.clone().find(fits(f64::MIN_POSITIVE)).or_else(|| starts.clone().find(fits(0.0)))
     }
 }
 
-fn fan(polygon: &[Vec3]) -> impl Iterator<Item = Triangle> {
-    polygon[1..].windows(2).map(|edge| [polygon[0], edge[0], edge[1]])
+/// The triangles of the fan around vertex `center`.
+fn fan<P: Copy>(polygon: &[P], center: usize) -> impl Iterator<Item = [P; 3]> {
+    let vertex = move |k: usize| polygon[(center + k) % polygon.len()];
+    (1..polygon.len() - 1).map(move |k| [vertex(0), vertex(k), vertex(k + 1)])
 }
 
 /// Positive if a, b, c run counter-clockwise.
@@ -95,7 +108,7 @@ mod tests {
 
     /// Newell: half the sum of the cross products of successive vertices, here seen from the first.
     fn newell(polygon: &[Vec3]) -> DVec3 {
-        fan(polygon).map(area_vector).sum()
+        fan(polygon, 0).map(area_vector).sum()
     }
 
     /// Area is kept only if the triangles do not overlap, direction only if none is turned over.

@@ -86,6 +86,11 @@ impl Judgement {
     }
 }
 
+/// An endless ray ends where f32 does: a hit at a t that has no f32 cannot be answered.
+fn within_reach(ray: &Ray) -> Ray {
+    Ray { t_max: if ray.t_max == f32::INFINITY { f32::MAX } else { ray.t_max }, ..*ray }
+}
+
 /// Judges answers about one scene.
 pub struct Judge<'t> {
     referee: Referee<'t>,
@@ -137,6 +142,7 @@ impl<'t> Judge<'t> {
 
     /// Judges two nearest hits by the exact truth about all triangles.
     pub fn settle_nearest(&self, ray: &Ray, native: Option<Hit>, other: Option<Hit>) -> Judgement {
+        let ray = &within_reach(ray);
         let met = self.referee.met(ray);
         let same = native.map(|hit| hit.triangle) == other.map(|hit| hit.triangle);
         let tie = match (native, other) {
@@ -159,6 +165,7 @@ impl<'t> Judge<'t> {
 
     /// Judges two answers to "is anything hit?" by the exact truth about all triangles.
     pub fn settle_occluded(&self, ray: &Ray, native: bool, other: bool) -> Judgement {
+        let ray = &within_reach(ray);
         let met = self.referee.met(ray);
         Judgement::new(
             self.stand_occluded(ray, native, self.native, &met),
@@ -170,11 +177,13 @@ impl<'t> Judge<'t> {
 
     /// Judges one nearest hit by the exact truth about all triangles.
     pub fn nearest_alone(&self, ray: &Ray, native: Option<Hit>) -> Judgement {
+        let ray = &within_reach(ray);
         Judgement::alone(self.stand_nearest(ray, native, self.native, &self.referee.met(ray)))
     }
 
     /// Judges one answer to "is anything hit?" by the exact truth about all triangles.
     pub fn occluded_alone(&self, ray: &Ray, native: bool) -> Judgement {
+        let ray = &within_reach(ray);
         Judgement::alone(self.stand_occluded(ray, native, self.native, &self.referee.met(ray)))
     }
 

@@ -1,0 +1,241 @@
+//! `isolux verify`: every ray checked, by another tracer and by a referee.
+
+use super::{complain, progress, say, warn};
+use crate::bvh::Bvh;
+use crate::error::Result;
+use crate::export::file::{Output, check_writable, write_all};
+use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
+use crate::scene::{Camera, Description, Scene};
+use crate::verify::bounds::Arithmetic;
+use crate::verify::leaks::{Leaks, leaks};
+use crate::verify::rays::{Kind, RaySource};
+use crate::verify::survey::{Finding, Peer, sum, survey};
+use crate::verify::tally::Tally;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Above so many triangles brute force is too slow to be asked.
+const BRUTE_FORCE_TRIANGLES: usize = 2000;
+
+/// Wrong answers that are printed as source for a test: enough to begin with.
+const FAILURES_TOLD: usize = 4;
+
+/// Trace rays, ordinary and nasty, through every tracer there is, and let an exact referee settle
+/// every difference. Exit code 1 if our own tracer is ever wrong.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// A scene description (.toml) or a model (.obj)
+    scene: PathBuf,
+
+    /// Rays; each is asked for its nearest hit and for any hit, of every tracer
+    #[arg(long, value_name = "N", default_value_t = 1_000_000,
+          value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    rays: u64,
+
+    /// Seed of all rays
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Write the counts as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+    if let Some(path) = &arguments.json {
+        check_writable(path)?;
+    }
+    let description = Description::load(&arguments.scene)?;
+    let scene = Scene::load(&description)?;
+    warn(&scene.warnings);
+
+    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let camera = match &description.camera {
+        Some(camera) => camera.clone(),
+        None => Camera::fitted(&scene.triangles, &native),
+    };
+    let source = RaySource::new(&scene, &camera, arguments.seed);
+    let (peers, oracle) = peers(&scene.triangles)?;
+    let bar = progress::bar("verify");
+    let findings = survey(&scene.triangles, &native, &peers, &source, arguments.rays, &bar);
+    bar.finish_and_clear();
+    let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
+
+    let verdict = Report::new(&description.title, &oracle, arguments, &findings, leaks);
+    if let Some(path) = &arguments.json {
+        write_all(vec![Output { path: path.clone(), bytes: verdict.to_json() }])?;
+    }
+    say(&verdict.to_text(&findings));
+    Ok(conclude(&verdict, &findings))
+}
+
+/// Prints the failures and decides the exit code: 1 if a tracer of ours was wrong.
+fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
+    let failures = report.total.failures();
+    let told = findings.iter().flat_map(|f| f.failures.iter().map(|failure| (f.peer, failure)));
+    for (peer, failure) in told.take(FAILURES_TOLD) {
+        complain(&format!("\nagainst {peer}:\n{failure}"));
+    }
+    if failures == 0 {
+        return ExitCode::SUCCESS;
+    }
+    complain(&format!("error: {failures} answers of our own tracer are wrong\n"));
+    ExitCode::from(1)
+}
+
+/// Everyone to hold the native tracer against, and what is known of the oracle among them.
+fn peers(triangles: &[Triangle]) -> Result<(Vec<Peer<'_>>, String)> {
+    let native = |name, caster: Box<dyn RayCaster>, arithmetic, single| Peer {
+        name,
+        caster,
+        arithmetic,
+        is_native: true,
+        single,
+    };
+    let (cramer, plane) = (Arithmetic::MollerTrumbore, Arithmetic::Plane);
+    let bvh = || Box::new(Bvh::<MollerTrumbore>::build(triangles));
+    let mut peers = vec![
+        native("native single", bvh(), cramer, true),
+        native("native plane", Box::new(Bvh::<Plane>::build(triangles)), plane, false),
+    ];
+    if triangles.len() <= BRUTE_FORCE_TRIANGLES {
+        let brute_cramer = Box::new(BruteForce::<MollerTrumbore>::new(triangles));
+        let brute_plane = Box::new(BruteForce::<Plane>::new(triangles));
+        peers.push(native("brute force", brute_cramer, cramer, false));
+        peers.push(native("brute force plane", brute_plane, plane, false));
+    }
+    let oracle = add_embree(&mut peers, triangles)?;
+    Ok((peers, oracle))
+}
+
+#[cfg(feature = "embree")]
+fn add_embree<'t>(peers: &mut Vec<Peer<'t>>, triangles: &'t [Triangle]) -> Result<String> {
+    use crate::oracle::{Device, EmbreeScene, Options, Packets};
+    let device = Device::new("")?;
+    for (robust, arithmetic, single, batched) in [
+        (false, Arithmetic::EmbreeDefault, "Embree single", "Embree packets"),
+        (true, Arithmetic::EmbreeRobust, "Embree robust single", "Embree robust packets"),
+    ] {
+        for (name, packets, is_single) in
+            [(single, Packets::Single, true), (batched, Packets::Packet16, false)]
+        {
+            let scene = EmbreeScene::build(&device, triangles, Options { robust, packets })?;
+            peers.push(Peer {
+                name,
+                caster: Box::new(scene),
+                arithmetic,
+                is_native: false,
+                single: is_single,
+            });
+        }
+    }
+    Ok(format!("Embree {} ({})", device.version(), device.isa()))
+}
+
+#[cfg(not(feature = "embree"))]
+fn add_embree(_: &mut Vec<Peer>, _: &[Triangle]) -> Result<String> {
+    Ok("without Embree; to ask it too, build with --features embree (see the README)".into())
+}
+
+/// The counts, for programs.
+#[derive(Serialize)]
+struct Report {
+    scene: String,
+    oracle: String,
+    rays: u64,
+    seed: u64,
+    #[serde(flatten)]
+    total: Tally,
+    by_caster: BTreeMap<&'static str, Tally>,
+    by_kind: BTreeMap<&'static str, Tally>,
+    by_caster_and_kind: BTreeMap<&'static str, BTreeMap<&'static str, Tally>>,
+    /// Rays out of a closed mesh, per caster; empty if the mesh is open.
+    leaks: Vec<Leaks>,
+}
+
+impl Report {
+    fn new(
+        scene: &str,
+        oracle: &str,
+        arguments: &Arguments,
+        findings: &[Finding],
+        leaks: Vec<Leaks>,
+    ) -> Self {
+        let kinds = |finding: &Finding| -> BTreeMap<&'static str, Tally> {
+            Kind::ALL.iter().map(|kind| kind.name()).zip(finding.by_kind.iter().copied()).collect()
+        };
+        let by_caster: BTreeMap<_, _> = findings.iter().map(|f| (f.peer, f.total())).collect();
+        Report {
+            scene: scene.into(),
+            oracle: oracle.into(),
+            rays: arguments.rays,
+            seed: arguments.seed,
+            total: sum(by_caster.values()),
+            by_kind: Kind::ALL
+                .iter()
+                .map(|&kind| (kind.name(), sum(findings.iter().map(|f| &f.by_kind[kind as usize]))))
+                .collect(),
+            by_caster_and_kind: findings.iter().map(|f| (f.peer, kinds(f))).collect(),
+            by_caster,
+            leaks,
+        }
+    }
+
+    fn to_json(&self) -> Vec<u8> {
+        let mut text = serde_json::to_string_pretty(self).expect("plain numbers and strings");
+        text.push('\n');
+        text.into_bytes()
+    }
+
+    fn to_text(&self, findings: &[Finding]) -> String {
+        let mut text =
+            format!("{}: native Möller–Trumbore hierarchy, {}\n\n", self.scene, self.oracle);
+        heading(&mut text, "held against");
+        for finding in findings {
+            row(&mut text, finding.peer, &finding.total());
+        }
+        text.push('\n');
+        heading(&mut text, "kind of ray");
+        for kind in Kind::ALL {
+            row(&mut text, kind.name(), &self.by_kind[kind.name()]);
+        }
+        text.push('\n');
+        row(&mut text, "total", &self.total);
+        for leaks in &self.leaks {
+            let _ = writeln!(text, "{leaks}");
+        }
+        text
+    }
+}
+
+fn heading(text: &mut String, first: &str) {
+    let _ = writeln!(
+        text,
+        "{first:<22} {:>11} {:>11} {:>9} {:>9} {:>9} {:>7} {:>7} {:>6}  {:>9}",
+        "queries", "agree", "tie", "touching", "precision", "native", "Embree", "both", "Δt"
+    );
+    let _ = writeln!(
+        text,
+        "{:<22} {:>11} {:>11} {:>9} {:>9} {:>9} {:>7} {:>7} {:>6}  {:>9}",
+        "", "", "", "", "", "", "wrong", "wrong", "wrong", "ulps"
+    );
+}
+
+fn row(text: &mut String, name: &str, t: &Tally) {
+    let _ = writeln!(
+        text,
+        "{name:<22} {:>11} {:>11} {:>9} {:>9} {:>9} {:>7} {:>7} {:>6}  {:>9}",
+        t.queries,
+        t.agree,
+        t.tie,
+        t.touching,
+        t.precision,
+        t.native_wrong,
+        t.embree_wrong,
+        t.both_wrong,
+        t.largest_t_ulps
+    );
+}

@@ -1,0 +1,176 @@
+//! Every kind of ray through every pair of casters.
+
+use super::bounds::Arithmetic;
+use super::cross_checked::Record;
+use super::rays::{Kind, RaySource};
+use super::tally::Tally;
+use super::verdict::Judge;
+use crate::geometry::{Hit, Ray, RayCaster, Triangle};
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+
+/// A caster to hold the native one against.
+pub struct Peer<'a> {
+    pub name: &'static str,
+    pub caster: Box<dyn RayCaster + 'a>,
+    pub arithmetic: Arithmetic,
+    /// Whether it is ours too, so that its being wrong is our being wrong.
+    pub is_native: bool,
+    /// Whether it is asked ray by ray rather than in batches.
+    pub single: bool,
+}
+
+/// What a survey found about one peer.
+pub struct Finding {
+    pub peer: &'static str,
+    /// One per kind, in the order of [`Kind::ALL`]; nearest-hit and any-hit queries together.
+    pub by_kind: Vec<Tally>,
+    pub failures: Vec<String>,
+}
+
+impl Finding {
+    pub fn total(&self) -> Tally {
+        sum(&self.by_kind)
+    }
+}
+
+/// The sum of some tallies.
+pub fn sum<'t>(tallies: impl IntoIterator<Item = &'t Tally>) -> Tally {
+    let mut total = Tally::default();
+    tallies.into_iter().for_each(|tally| total.add(tally));
+    total
+}
+
+/// Rays of one kind that are traced, judged and forgotten together.
+const CHUNK: u64 = 4096;
+
+/// Of the queries in which the casters agree, every so-manieth is settled by the referee too: two
+/// tracers can be wrong alike.
+const AUDIT: usize = 64;
+
+/// Asks the native caster and every peer about `rays` rays, for the nearest hit and for any hit.
+pub fn survey<'t>(
+    triangles: &'t [Triangle],
+    native: &(impl RayCaster + ?Sized),
+    peers: &[Peer],
+    source: &RaySource,
+    rays: u64,
+    progress: &ProgressBar,
+) -> Vec<Finding> {
+    let chunks = chunks(rays);
+    progress.set_length(chunks.len() as u64);
+    let judges: Vec<Judge<'t>> = peers
+        .iter()
+        .map(|peer| Judge::new(triangles, Arithmetic::MollerTrumbore, peer.arithmetic))
+        .collect();
+    let records: Vec<Vec<Record>> = chunks
+        .par_iter()
+        .map(|chunk| {
+            let records = chunk.ask(native, peers, &judges, source);
+            progress.inc(1);
+            records
+        })
+        .collect();
+    peers
+        .iter()
+        .enumerate()
+        .map(|(p, peer)| {
+            let mut by_kind = vec![Tally::default(); Kind::ALL.len()];
+            let mut all = Record::default();
+            for (chunk, records) in chunks.iter().zip(&records) {
+                by_kind[chunk.kind as usize].add(&records[p].tally);
+                all.add(records[p].clone());
+            }
+            Finding { peer: peer.name, by_kind, failures: all.failures }
+        })
+        .collect()
+}
+
+struct Chunk {
+    kind: Kind,
+    first: u64,
+    count: u64,
+}
+
+/// Divides the rays among the kinds in proportion to their parts, at least one ray each.
+fn chunks(rays: u64) -> Vec<Chunk> {
+    let parts: u64 = Kind::ALL.iter().map(|kind| kind.parts()).sum();
+    let mut chunks = Vec::new();
+    for kind in Kind::ALL {
+        let total = (rays * kind.parts()).div_ceil(parts).max(1);
+        for first in (0..total).step_by(CHUNK as usize) {
+            chunks.push(Chunk { kind, first, count: CHUNK.min(total - first) });
+        }
+    }
+    chunks
+}
+
+impl Chunk {
+    /// One record per peer.
+    fn ask(
+        &self,
+        native: &(impl RayCaster + ?Sized),
+        peers: &[Peer],
+        judges: &[Judge],
+        source: &RaySource,
+    ) -> Vec<Record> {
+        let rays: Vec<Ray> =
+            (self.first..self.first + self.count).map(|i| source.ray(self.kind, i)).collect();
+        let ours = Answers::of(native, &rays, false);
+        peers
+            .iter()
+            .zip(judges)
+            .map(|(peer, judge)| {
+                let theirs = Answers::of(&*peer.caster, &rays, peer.single);
+                compare(judge, &rays, &ours, &theirs, peer.is_native)
+            })
+            .collect()
+    }
+}
+
+struct Answers {
+    nearest: Vec<Option<Hit>>,
+    occluded: Vec<bool>,
+}
+
+impl Answers {
+    fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
+        let mut answers = Answers { nearest: Vec::new(), occluded: Vec::new() };
+        if single {
+            answers.nearest = rays.iter().map(|ray| caster.nearest(ray)).collect();
+            answers.occluded = rays.iter().map(|ray| caster.occluded(ray)).collect();
+        } else {
+            caster.nearest_batch(rays, &mut answers.nearest);
+            caster.occluded_batch(rays, &mut answers.occluded);
+        }
+        answers
+    }
+}
+
+fn compare(
+    judge: &Judge,
+    rays: &[Ray],
+    ours: &Answers,
+    theirs: &Answers,
+    peer_is_native: bool,
+) -> Record {
+    let mut record = Record::default();
+    for (i, ray) in rays.iter().enumerate() {
+        let (a, b) = (ours.nearest[i], theirs.nearest[i]);
+        if i % AUDIT == 0 {
+            record.settle_nearest(judge, ray, a, b);
+        } else {
+            record.nearest(judge, ray, a, b);
+        }
+        let (a, b) = (ours.occluded[i], theirs.occluded[i]);
+        if i % AUDIT == 0 {
+            record.settle_occluded(judge, ray, a, b);
+        } else {
+            record.occluded(judge, ray, a, b);
+        }
+    }
+    if peer_is_native {
+        record.blame_us();
+    }
+    record
+}
