@@ -14,6 +14,8 @@
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] seam |
 //! | 3 | [`scene`] | OBJ and MTL, the TOML description, materials, camera, topology |
 //! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic; the eight-wide SIMD hierarchy |
+//! | 5 | `oracle` (feature `embree`) | Embree: device, scene under construction, committed scene |
+//! | 5 | [`verify`] | exact referee, derived bounds, verdicts, nasty rays |
 //! | 5 | [`form_factor`], [`coverage`] | pairwise and hemispherical estimates, direct light; what is covered |
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
@@ -48,6 +50,10 @@
 //!
 //! **Near pairs are sampled by solid angle.** 1/r² has no finite variance over two patches that share
 //! an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
+//!
+//! **Every ray can be checked.** [`verify`] asks the native tracer and its peers (scalar kernels by
+//! brute force; Embree with the feature `embree`) about ordinary and nasty rays and lets an exact
+//! referee settle each difference; what f32 may be forgiven is derived, not guessed.
 //!
 //! # What was measured, and what came of it
 //!

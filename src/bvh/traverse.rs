@@ -36,6 +36,9 @@ pub trait BlockKernel: Kernel {
 /// *Robust BVH Ray Traversal*, JCGT 2(2), 2013).
 const STRETCH: f32 = 1.0 + 6.0 * f32::EPSILON / 2.0;
 
+/// 2⁻⁶⁴: below it directions are lengthened for the box test, to at least 2⁻⁸⁵ for any denormal.
+const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
+
 /// A ray copied into all lanes, with what the box test needs.
 pub struct RayLanes<'r, S: Simd> {
     simd: S,
@@ -43,6 +46,9 @@ pub struct RayLanes<'r, S: Simd> {
     origin: [f32x8<S>; 3],
     direction: [f32x8<S>; 3],
     inverse: [f32x8<S>; 3],
+    /// Distances to boxes are in units of t times this, 1 but for directions of almost no length.
+    t_scale: f32,
+    t_min: f32,
     /// Per axis: which of (min, max) the ray meets first.
     near: [usize; 3],
 }
@@ -50,15 +56,20 @@ pub struct RayLanes<'r, S: Simd> {
 impl<'r, S: Simd> RayLanes<'r, S> {
     #[inline(always)]
     fn new(simd: S, ray: &'r Ray) -> Self {
+        // A direction whose reciprocal would overflow is lengthened; a power of two is exact.
+        let t_scale = if ray.direction.abs().max_element() < SHORT { SHORT } else { 1.0 };
         // 1/0 becomes the largest finite number of that sign: products with it may overflow to ±∞,
         // but 0·∞, the only source of NaN in a slab test of finite boxes, cannot occur.
-        let inverse = ray.direction.recip().clamp(glam::Vec3::MIN, glam::Vec3::MAX);
+        let lengthened = ray.direction / t_scale;
+        let inverse = lengthened.recip().clamp(glam::Vec3::MIN, glam::Vec3::MAX);
         RayLanes {
             simd,
             ray,
             origin: splat(simd, ray.origin),
             direction: splat(simd, ray.direction),
             inverse: splat(simd, inverse),
+            t_scale,
+            t_min: ray.t_min * t_scale,
             near: [
                 inverse.x.is_sign_negative() as usize,
                 inverse.y.is_sign_negative() as usize,
@@ -67,7 +78,8 @@ impl<'r, S: Simd> RayLanes<'r, S> {
         }
     }
 
-    /// Which of a node's boxes the ray enters at or before `t_max` (as a bit mask), and where.
+    /// Which of a node's boxes the ray enters at or before `t_max` (as a bit mask), and where, both
+    /// scaled by `t_scale`.
     ///
     /// Stretching the far distance keeps rounding from losing a box that the ray meets.
     #[inline(always)]
@@ -77,7 +89,7 @@ impl<'r, S: Simd> RayLanes<'r, S> {
             .slab(node, 0, x)
             .max(self.slab(node, 1, y))
             .max(self.slab(node, 2, z))
-            .max(f32x8::splat(self.simd, self.ray.t_min));
+            .max(f32x8::splat(self.simd, self.t_min));
         let far = self
             .slab(node, 0, 1 - x)
             .min(self.slab(node, 1, 1 - y))
@@ -218,7 +230,7 @@ pub fn nearest<S: Simd, K: BlockKernel>(
     loop {
         if current.0 & Child::BLOCK == 0 {
             let node = &bvh.nodes[current.0 as usize];
-            let (mask, entry) = lanes.enter(node, t_max);
+            let (mask, entry) = lanes.enter(node, t_max * lanes.t_scale);
             if let Some(next) = push_far_to_near(mask, &entry, &node.children, stack) {
                 current = next;
                 continue;
@@ -237,7 +249,7 @@ pub fn nearest<S: Simd, K: BlockKernel>(
             match stack.pop() {
                 None => return nearest,
                 // Equal distances are visited: a lower triangle may tie.
-                Some((child, entry)) if entry <= t_max * STRETCH => {
+                Some((child, entry)) if entry <= t_max * lanes.t_scale * STRETCH => {
                     current = child;
                     break;
                 }
@@ -294,7 +306,7 @@ pub fn occluded<S: Simd, K: BlockKernel>(
     while let Some((current, _)) = stack.pop() {
         if current.0 & Child::BLOCK == 0 {
             let node = &bvh.nodes[current.0 as usize];
-            let (mut mask, _) = lanes.enter(node, ray.t_max);
+            let (mut mask, _) = lanes.enter(node, ray.t_max * lanes.t_scale);
             while mask != 0 {
                 let slot = mask.trailing_zeros() as usize;
                 mask &= mask - 1;

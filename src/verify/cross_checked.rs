@@ -1,7 +1,7 @@
 //! Two ray tracers asked at once.
 
 use super::tally::Tally;
-use super::verdict::{Judge, Judgement, Standing, Verdict};
+use super::verdict::{Judge, Judgement, Standing};
 use crate::geometry::{Hit, Ray, RayCaster};
 use std::sync::Mutex;
 
@@ -20,8 +20,10 @@ pub struct CrossChecked<'t, A, B> {
 #[derive(Debug, Clone, Default)]
 pub struct Record {
     pub tally: Tally,
-    /// The first few queries that either side answered wrongly, as source for a test.
+    /// The first few queries that we answered wrongly, as source for a test.
     pub failures: Vec<String>,
+    /// Whether the other side is ours too, so that its being wrong is our being wrong.
+    pub both_ours: bool,
 }
 
 /// Failures that are kept in words: more of them say nothing new.
@@ -97,17 +99,20 @@ impl Record {
     }
 
     fn keep(&mut self, judgement: &Judgement, words: impl Fn() -> String) {
-        if judgement.verdict != Verdict::Agree
-            && (judgement.native == Standing::Wrong || judgement.other == Standing::Wrong)
-            && self.failures.len() < FAILURES_KEPT
-        {
+        let ours = judgement.native == Standing::Wrong
+            || self.both_ours && judgement.other == Standing::Wrong;
+        if ours && self.failures.len() < FAILURES_KEPT {
             self.failures.push(words());
         }
     }
 
-    /// Counts the other side's wrong answers as ours, for a peer that is ours too.
-    pub fn blame_us(&mut self) {
-        self.tally.native_wrong += std::mem::take(&mut self.tally.embree_wrong);
+    /// The counts, with the other side's wrong answers as ours if it is ours.
+    pub fn blamed(&self) -> Tally {
+        let mut tally = self.tally;
+        if self.both_ours {
+            tally.native_wrong += std::mem::take(&mut tally.embree_wrong);
+        }
+        tally
     }
 }
 
@@ -204,6 +209,7 @@ mod tests {
         checked.occluded_batch(&[ray], &mut blocked);
         assert!(hits.iter().all(Option::is_some) && blocked == [true]);
         assert_eq!((checked.record().tally.embree_wrong, checked.record().tally.queries), (3, 3));
+        assert!(checked.record().failures.is_empty());
 
         let checked = CrossChecked::new(Blind, good(), judge());
         assert!(checked.nearest(&ray).is_none() && !checked.occluded(&ray));

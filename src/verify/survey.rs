@@ -78,7 +78,7 @@ pub fn survey<'t>(
             let mut by_kind = vec![Tally::default(); Kind::ALL.len()];
             let mut all = Record::default();
             for (chunk, records) in chunks.iter().zip(&records) {
-                by_kind[chunk.kind as usize].add(&records[p].tally);
+                by_kind[chunk.kind as usize].add(&records[p].blamed());
                 all.add(records[p].clone());
             }
             Finding { peer: peer.name, by_kind, failures: all.failures }
@@ -154,7 +154,7 @@ fn compare(
     theirs: &Answers,
     peer_is_native: bool,
 ) -> Record {
-    let mut record = Record::default();
+    let mut record = Record { both_ours: peer_is_native, ..Record::default() };
     for (i, ray) in rays.iter().enumerate() {
         let (a, b) = (ours.nearest[i], theirs.nearest[i]);
         if i % AUDIT == 0 {
@@ -168,9 +168,6 @@ fn compare(
         } else {
             record.occluded(judge, ray, a, b);
         }
-    }
-    if peer_is_native {
-        record.blame_us();
     }
     record
 }

@@ -1,0 +1,45 @@
+//! Our own tracer is never wrong, whoever is asked about it.
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+fn verify(scene: &str, arguments: &[&str]) -> Value {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("verdicts.json");
+    let mut command = Command::cargo_bin("isolux").expect("the program is built");
+    command.current_dir(env!("CARGO_MANIFEST_DIR"));
+    command.args(["verify", scene, "--json"]).arg(&file).args(arguments).assert().success();
+    serde_json::from_slice(&std::fs::read(file).expect("a file")).expect("JSON")
+}
+
+#[test]
+fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
+    for scene in ["cornell-box", "course-room", "furnace", "two-rooms"] {
+        let verdicts = verify(&format!("scenes/{scene}.toml"), &["--rays", "100000"]);
+        let count = |what: &str| verdicts[what].as_u64().expect(what);
+        assert_eq!(count("native_wrong") + count("both_wrong"), 0, "{scene}: {verdicts:#}");
+        let named = ["agree", "tie", "touching", "precision", "embree_wrong"].map(count);
+        assert_eq!(named.iter().sum::<u64>(), count("queries"), "{scene}: none is dropped");
+        assert!(count("queries") >= 4 * 200_000, "{scene}");
+        // Agreement of everyone about everything would mean that no nasty ray was asked.
+        assert!(count("tie") > 0 && count("touching") > 0 && count("precision") > 0, "{scene}");
+        if cfg!(feature = "embree") {
+            assert!(
+                verdicts["by_caster"]["Embree robust packets"]["agree"].as_u64() > Some(100_000)
+            );
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_verdicts() {
+    let ask = |seed: &str| verify("scenes/furnace.toml", &["--rays", "5000", "--seed", seed]);
+    assert_eq!(ask("7"), ask("7"));
+    assert_ne!(ask("7"), ask("8"));
+}
+
+#[test]
+fn a_bare_model_can_be_verified() {
+    let verdicts = verify("scenes/cornell-box.obj", &["--rays", "2000"]);
+    assert_eq!(verdicts["native_wrong"], 0);
+}
