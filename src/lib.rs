@@ -55,6 +55,10 @@
 //! brute force; Embree with the feature `embree`) about ordinary and nasty rays and lets an exact
 //! referee settle each difference; what f32 may be forgiven is derived, not guessed.
 //!
+//! **No seam leaks.** Plain Möller–Trumbore in f32 let 2.4 % of the rays through that were aimed at
+//! the seams of a closed cube. Within the bound of its rounding an edge is now decided in f64, with the
+//! same bits for both triangles that share it ([`geometry::moller_trumbore::intersect_seam`]): none.
+//!
 //! # What was measured, and what came of it
 //!
 //! Single runs differ by 20 % on a shared machine; the ratios are what counts.

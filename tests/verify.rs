@@ -43,3 +43,21 @@ fn a_bare_model_can_be_verified() {
     let verdicts = verify("scenes/cornell-box.obj", &["--rays", "2000"]);
     assert_eq!(verdicts["native_wrong"], 0);
 }
+
+#[test]
+fn no_ray_leaves_a_closed_mesh_through_its_seams() {
+    let verdicts = verify("scenes/furnace.toml", &["--rays", "400000"]);
+    let leaks = verdicts["leaks"].as_array().expect("a list");
+    let ours: Vec<&Value> = leaks
+        .iter()
+        .filter(|leak| !leak["caster"].as_str().expect("a name").starts_with("Embree"))
+        .collect();
+    assert_eq!(
+        ours.len(),
+        5,
+        "two hierarchies, one of them asked in two ways, and brute force twice"
+    );
+    for leak in ours {
+        assert_eq!((&leak["rays"], &leak["escaped"]), (&100_000.into(), &0.into()), "{leak}");
+    }
+}

@@ -75,6 +75,7 @@ impl Collapse<'_> {
             p0: [[0.0; WIDTH]; 3],
             e1: [[0.0; WIDTH]; 3],
             e2: [[0.0; WIDTH]; 3],
+            reach: [0.0; WIDTH],
             ids: [TriangleId(u32::MAX); WIDTH],
         };
         for (lane, &id) in members.iter().enumerate() {
@@ -85,6 +86,7 @@ impl Collapse<'_> {
                 block.e1[axis][lane] = e1[axis];
                 block.e2[axis][lane] = e2[axis];
             }
+            block.reach[lane] = triangle.reach();
             block.ids[lane] = TriangleId(id);
         }
         block

@@ -54,6 +54,8 @@ pub struct TriangleBlock {
     p0: [[f32; WIDTH]; 3],
     e1: [[f32; WIDTH]; 3],
     e2: [[f32; WIDTH]; 3],
+    /// See [`Triangle::reach`].
+    reach: [f32; WIDTH],
     ids: [TriangleId; WIDTH],
 }
 

@@ -1,7 +1,7 @@
 //! The walk: one ray against eight boxes or eight triangles at a time.
 
 use super::{Bvh, Child, TriangleBlock, WIDTH};
-use crate::geometry::moller_trumbore::determinants;
+use crate::geometry::moller_trumbore::{band_scale, determinants, intersect_seam};
 use crate::geometry::{Hit, Kernel, MollerTrumbore, Plane, Ray, Triangle};
 use fearless_simd::{Simd, f32x8, prelude::*};
 use std::cell::RefCell;
@@ -51,6 +51,8 @@ pub struct RayLanes<'r, S: Simd> {
     t_min: f32,
     /// Per axis: which of (min, max) the ray meets first.
     near: [usize; 3],
+    /// See [`band_scale`].
+    band_scale: f32x8<S>,
 }
 
 impl<'r, S: Simd> RayLanes<'r, S> {
@@ -68,6 +70,7 @@ impl<'r, S: Simd> RayLanes<'r, S> {
             origin: splat(simd, ray.origin),
             direction: splat(simd, ray.direction),
             inverse: splat(simd, inverse),
+            band_scale: f32x8::splat(simd, band_scale(ray.direction)),
             t_scale,
             t_min: ray.t_min * t_scale,
             near: [
@@ -130,38 +133,55 @@ impl BlockKernel for MollerTrumbore {
         ray: &RayLanes<S>,
         t_max: f32,
         block: &TriangleBlock,
-        _: &[Triangle],
+        triangles: &[Triangle],
         mut found: impl FnMut(usize, f32, f32, f32),
     ) {
         let simd = ray.simd;
-        let d = determinants(
-            ray.origin,
-            ray.direction,
-            load(simd, &block.p0),
-            load(simd, &block.e1),
-            load(simd, &block.e2),
-        );
+        let p0 = load(simd, &block.p0);
+        let e1 = load(simd, &block.e1);
+        let e2 = load(simd, &block.e2);
+        let d = determinants(ray.origin, ray.direction, p0, e1, e2);
         let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let sign = one.copysign(d.det);
         let (det, u, v) = (d.det * sign, d.u * sign, d.v * sign);
-        let inside = det.simd_gt(zero) & u.simd_ge(zero) & v.simd_ge(zero) & (u + v).simd_le(det);
-        if inside.to_bitmask() == 0 {
+        let w = det - u - v;
+        let far = (ray.origin[0] - p0[0])
+            .abs()
+            .max((ray.origin[1] - p0[1]).abs())
+            .max((ray.origin[2] - p0[2]).abs());
+        let reach = f32x8::load_array_ref(simd, &block.reach);
+        let band = (far * f32x8::splat(simd, 2.0) + reach) * reach * ray.band_scale;
+        let below = zero - band;
+
+        let decided = det.simd_gt(band);
+        let possible = u.simd_ge(below) & v.simd_ge(below) & w.simd_ge(below);
+        let candidates = (possible | !decided) & reach.simd_gt(zero);
+        if candidates.to_bitmask() == 0 {
             return;
         }
+        let inside = decided & u.simd_gt(band) & v.simd_gt(band) & w.simd_gt(band);
         let t = d.t * sign / det;
         let late = t.simd_gt(f32x8::splat(simd, ray.ray.t_min));
         // Where products overflow, an infinite t is no hit.
         let early = t.simd_le(f32x8::splat(simd, t_max.min(f32::MAX)));
         let mut mask = (inside & late & early).to_bitmask();
-        if mask == 0 {
-            return;
+        if mask != 0 {
+            let (t, u, v): ([f32; WIDTH], [f32; WIDTH], [f32; WIDTH]) =
+                (t.into(), (u / det).into(), (v / det).into());
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                found(lane, t[lane], u[lane], v[lane]);
+            }
         }
-        let (t, u, v): ([f32; WIDTH], [f32; WIDTH], [f32; WIDTH]) =
-            (t.into(), (u / det).into(), (v / det).into());
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            found(lane, t[lane], u[lane], v[lane]);
+        let mut seams = candidates.to_bitmask() & !inside.to_bitmask();
+        while seams != 0 {
+            let lane = seams.trailing_zeros() as usize;
+            seams &= seams - 1;
+            let ray = Ray { t_max, ..*ray.ray };
+            if let Some((t, u, v)) = intersect_seam(&ray, &triangles[block.ids[lane].index()]) {
+                found(lane, t, u, v);
+            }
         }
     }
 }

@@ -29,6 +29,12 @@ impl Triangle {
         (self.p[1] - self.p[0], self.p[2] - self.p[0])
     }
 
+    /// The largest component of the edges from p₀.
+    pub fn reach(&self) -> f32 {
+        let (e1, e2) = self.edges();
+        e1.abs().max(e2.abs()).max_element()
+    }
+
     /// The point with barycentrics (1 − u − v, u, v).
     pub fn at(&self, u: f32, v: f32) -> Vec3 {
         let (e1, e2) = self.edges();

@@ -55,7 +55,7 @@ pub fn solve(
         }
         residual.truncate(1);
         residual.push(problem.relative(unshot.total));
-        if solution.iterations % n.div_ceil(1000) == 0 {
+        if solution.iterations.is_multiple_of(n.div_ceil(1000)) {
             solution.residuals.extend(residual.last());
         }
         solution.iterations += 1;

@@ -120,7 +120,7 @@ impl<'s> RaySource<'s> {
         let stream = Stream::new(self.seed, Purpose::Verify, number, PointSet::Random);
         let (a, b, c) = (stream.point(0), stream.point(1), stream.point(2));
         match kind {
-            Kind::Surface => self.from_surface(a, b),
+            Kind::Surface => self.leaving_surface(a, b),
             Kind::Camera => self.camera.ray(a[0], a[1], 1.0),
             Kind::Segment => Ray::segment(self.lifted(a), self.lifted(b)),
             Kind::Vertex => self.towards(a, b, self.corner(c)),
@@ -135,7 +135,7 @@ impl<'s> RaySource<'s> {
             Kind::Grazing => self.grazing(a, b),
             Kind::Axis => self.along_axis(a, b),
             Kind::Denormal => {
-                let ray = self.from_surface(a, b);
+                let ray = self.leaving_surface(a, b);
                 Ray { direction: ray.direction * 1e-40, ..ray }
             }
             Kind::OnSurface => {
@@ -167,7 +167,7 @@ impl<'s> RaySource<'s> {
         triangle.at(u, v) + triangle.normal() * triangle.ray_offset()
     }
 
-    fn from_surface(&self, a: [f32; 4], b: [f32; 4]) -> Ray {
+    fn leaving_surface(&self, a: [f32; 4], b: [f32; 4]) -> Ray {
         let (triangle, u, v) = self.point(a);
         let normal = triangle.normal();
         let origin = triangle.at(u, v) + normal * triangle.ray_offset();
@@ -236,7 +236,7 @@ impl<'s> RaySource<'s> {
     }
 
     fn broken(&self, a: [f32; 4], b: [f32; 4], c: [f32; 4]) -> Ray {
-        let mut ray = self.from_surface(a, b);
+        let mut ray = self.leaving_surface(a, b);
         let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][(c[0] * 3.0) as usize % 3];
         let axis = (c[1] * 3.0) as usize % 3;
         let part = if c[2] < 0.5 { &mut ray.origin } else { &mut ray.direction };
