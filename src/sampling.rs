@@ -431,15 +431,19 @@ mod tests {
     }
 
     #[test]
-    fn neighbouring_streams_are_independent() {
+    fn a_point_of_neighbouring_streams_is_uniform_and_its_coordinates_independent() {
         for set in [PointSet::Random, PointSet::Sobol] {
             for k in [0, 1, 77, 5000, 70_000] {
                 let at = |index: u64| Stream::new(9, Purpose::Pair, index, set).point(k);
                 let points: Vec<_> = (0..50_000).map(at).collect();
-                for axis in 0..4 {
-                    let pairs = points.windows(2).map(|p| (p[0][axis], p[1][axis]));
-                    let what = format!("{set:?} point {k}, axis {axis} of streams i and i + 1");
-                    assert_uniform(&square_counts(pairs), &what);
+                for a in 0..4 {
+                    let what = format!("{set:?} point {k}: axis {a}");
+                    let pairs = points.windows(2).map(|p| (p[0][a], p[1][a]));
+                    assert_uniform(&square_counts(pairs), &format!("{what} of streams i, i + 1"));
+                    for b in 0..a {
+                        let pairs = points.iter().map(|p| (p[a], p[b]));
+                        assert_uniform(&square_counts(pairs), &format!("{what} and axis {b}"));
+                    }
                 }
             }
         }
