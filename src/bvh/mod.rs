@@ -3,7 +3,8 @@
 //! `build` makes it (a library's binary tree, collapsed); `traverse` walks it with SIMD. Eight
 //! boxes or eight triangles are tested at once; the same generic source is compiled for every
 //! instruction set and one is chosen at run time. No operation is fused or approximate, so every
-//! instruction set gives the same bits, and those of [`BruteForce`](crate::geometry::BruteForce).
+//! instruction set gives the same bits. They are those of [`BruteForce`](crate::geometry::BruteForce)
+//! but where rounding puts a grazing hit before its own box, or a tie between two triangles.
 
 mod build;
 mod traverse;

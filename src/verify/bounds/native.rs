@@ -7,8 +7,9 @@ use crate::verify::forms::{Forms, abs_cross};
 impl Rounding {
     /// Cramer's rule; the final quotients take `divisions` roundings.
     ///
-    /// A hit needs 0 ≤ û, v̂ and û + v̂ ≤ |det̂| before any division, and the sum rounds once. So near
-    /// the third edge the numerators' errors and det's add up.
+    /// A hit that f32 decides has û, v̂ and |det̂| − û − v̂ above their rounding; near the third edge the
+    /// numerators' errors and det's add up. Near an edge f64 decides, which is well within these
+    /// bounds: they were derived for f32 alone, and stay what the kernel may be forgiven.
     pub(super) fn cramer(forms: &Forms, divisions: f64) -> Self {
         if overflows(forms, 0.0) {
             return Rounding::ANYTHING;
