@@ -73,6 +73,7 @@
 //!
 //! [`RayCaster`]: geometry::RayCaster
 
+pub mod bench;
 pub mod bvh;
 pub mod cli;
 pub mod color;

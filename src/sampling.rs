@@ -27,6 +27,7 @@ pub enum Purpose {
     DirectLight,
     Pixel,
     Verify,
+    Bench,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand.
 
 mod arguments;
+mod bench;
 mod info;
 mod progress;
 mod render;
@@ -24,6 +25,7 @@ enum Command {
     Render(Box<arguments::RenderArguments>),
     Info(info::Arguments),
     Verify(verify::Arguments),
+    Bench(bench::Arguments),
 }
 
 /// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input.
@@ -32,6 +34,7 @@ pub fn run() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments).map(|()| ExitCode::SUCCESS),
     };
     match result {
         Ok(code) => code,

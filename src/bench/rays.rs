@@ -1,0 +1,84 @@
+//! The rays that radiosity casts.
+
+use super::scenes::Stage;
+use crate::geometry::Ray;
+use crate::geometry::surface::Surface;
+use crate::sampling::{PointSet, Purpose, Stream};
+use rayon::prelude::*;
+
+/// What the rays are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Nearest hits of one picture's rays, in tiles of 4 × 4 pixels.
+    Camera,
+    /// Nearest hits of cosine-distributed rays, each from another point of the surfaces.
+    Incoherent,
+    /// Any hit between two points of the surfaces that face each other.
+    Segments,
+}
+
+impl Kind {
+    pub const ALL: [Kind; 3] = [Kind::Camera, Kind::Incoherent, Kind::Segments];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Camera => "camera",
+            Kind::Incoherent => "incoherent",
+            Kind::Segments => "segments",
+        }
+    }
+
+    /// About `count` rays: for a picture, the next square of tiles.
+    pub fn rays(self, stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
+        match self {
+            Kind::Camera => camera(stage, count),
+            Kind::Incoherent => incoherent(stage, count, seed),
+            Kind::Segments => segments(stage, count, seed),
+        }
+    }
+}
+
+const TILE: u32 = 4;
+
+fn camera(stage: &Stage, count: u64) -> Vec<Ray> {
+    let tiles = ((count as f64).sqrt() / TILE as f64).ceil() as u32;
+    let size = (tiles * TILE) as f32;
+    let pixel = |tile: u32, k: u32| {
+        let (x, y) = (tile % tiles * TILE + k % TILE, tile / tiles * TILE + k / TILE);
+        stage.camera.ray((x as f32 + 0.5) / size, (y as f32 + 0.5) / size, 1.0)
+    };
+    (0..tiles * tiles).flat_map(|tile| (0..TILE * TILE).map(move |k| pixel(tile, k))).collect()
+}
+
+fn stream(seed: u64, index: u64) -> Stream {
+    Stream::new(seed, Purpose::Bench, index + 1, PointSet::Random)
+}
+
+fn incoherent(stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
+    let surface = Surface::new(&stage.triangles);
+    let ray = |index| {
+        let stream = stream(seed, index);
+        let [xi0, xi1, ..] = stream.point(1);
+        surface.point(stream.point(0)).leaving(xi0, xi1)
+    };
+    (0..count).into_par_iter().map(ray).collect()
+}
+
+/// Draws before a pair that faces each other is given up: of a room's pairs every second does.
+const ATTEMPTS: u32 = 64;
+
+fn segments(stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
+    let surface = Surface::new(&stage.triangles);
+    let segment = |index| {
+        let stream = stream(seed, index);
+        (0..ATTEMPTS).find_map(|attempt| {
+            let a = surface.point(stream.point(2 * attempt));
+            let b = surface.point(stream.point(2 * attempt + 1));
+            let between = b.position() - a.position();
+            let faces = between.dot(a.triangle.normal()) > 0.0;
+            let faced = between.dot(b.triangle.normal()) < 0.0;
+            (faces && faced).then(|| Ray::segment(a.lifted(), b.lifted()))
+        })
+    };
+    (0..count).into_par_iter().filter_map(segment).collect()
+}

@@ -1,0 +1,306 @@
+//! `isolux bench`: rays per second, ours and Embree's, in one run.
+
+use super::{complain, say, warn};
+use crate::bench::race::{Engine, Query, Rates, Side, race};
+use crate::bench::rays::Kind;
+use crate::bench::scenes::{BuiltIn, Stage};
+use crate::bvh::Bvh;
+use crate::error::{Error, Result};
+use crate::export::file::{Output, check_writable, write_all};
+use crate::geometry::{MollerTrumbore, Ray};
+use crate::scene::{Camera, Description, Scene};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Time rays through the native tracer and through Embree, side by side.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// cornell, room, atrium, a scene description (.toml) or a model (.obj); the first three if none
+    scenes: Vec<PathBuf>,
+
+    /// Rays of each kind
+    #[arg(long, value_name = "N", default_value_t = 1 << 20,
+          value_parser = clap::value_parser!(u64).range(1..=1 << 28))]
+    rays: u64,
+
+    /// Timed rounds; each engine takes its turn in every one
+    #[arg(long, value_name = "N", default_value_t = 5,
+          value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: u32,
+
+    /// Numbers of threads, with commas between
+    #[arg(long, value_name = "N", value_delimiter = ',', default_values_t = [1, 2],
+          value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Vec<u32>,
+
+    /// Seed of the scenes and of the rays
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Write the results as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(path) = &arguments.json {
+        check_writable(path)?;
+    }
+    let built_in = || BuiltIn::ALL.map(|scene| PathBuf::from(scene.name())).to_vec();
+    let scenes = if arguments.scenes.is_empty() { built_in() } else { arguments.scenes.clone() };
+    let pools = arguments.threads.iter().map(|&n| pool(n)).collect::<Result<Vec<_>>>()?;
+
+    let mut report = Report { oracle: oracle()?, ..Report::default() };
+    for scene in &scenes {
+        let stage = stage(scene, arguments.seed)?;
+        measure(&stage, &pools, arguments, &mut report)?;
+    }
+    if let Some(path) = &arguments.json {
+        let mut text = serde_json::to_string_pretty(&report).expect("plain numbers and strings");
+        text.push('\n');
+        write_all(vec![Output { path: path.clone(), bytes: text.into_bytes() }])?;
+    }
+    say(&report.to_text());
+    Ok(())
+}
+
+fn pool(threads: u32) -> Result<ThreadPool> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads as usize).build();
+    pool.map_err(|e| Error::new(format!("cannot start {threads} threads: {e}")))
+}
+
+/// A built-in scene by its name, or a file.
+fn stage(scene: &Path, seed: u64) -> Result<Stage> {
+    if let Some(built_in) = BuiltIn::ALL.into_iter().find(|b| Path::new(b.name()) == scene) {
+        return Ok(built_in.stage(seed));
+    }
+    let description = Description::load(scene)?;
+    let loaded = Scene::load(&description)?;
+    warn(&loaded.warnings);
+    let triangles = loaded.triangles;
+    let camera = match description.camera {
+        Some(camera) => camera,
+        None => Camera::fitted(&triangles, &Bvh::<MollerTrumbore>::build(&triangles)),
+    };
+    Ok(Stage { name: description.title, triangles, camera })
+}
+
+/// What was measured, for programs.
+#[derive(Default, Serialize)]
+struct Report {
+    oracle: String,
+    builds: Vec<Build>,
+    results: Vec<Outcome>,
+}
+
+/// One scene's hierarchies.
+#[derive(Serialize)]
+struct Build {
+    scene: String,
+    triangles: usize,
+    /// Seconds with all threads, medians.
+    native_seconds: f64,
+    embree_seconds: Option<f64>,
+    /// Memory with the triangles.
+    native_bytes: usize,
+    embree_bytes: Option<usize>,
+}
+
+/// One scene, one kind of rays, one number of threads. Rates are in millions of rays a second.
+#[derive(Serialize)]
+struct Outcome {
+    scene: String,
+    triangles: usize,
+    rays: &'static str,
+    threads: usize,
+    /// The fastest of ours, and of Embree's with and without its watertight kernel.
+    native: f64,
+    embree_best: Option<f64>,
+    ratio: Option<f64>,
+    embree_robust_best: Option<f64>,
+    ratio_robust: Option<f64>,
+    engines: Vec<Rates>,
+}
+
+fn measure(
+    stage: &Stage,
+    pools: &[ThreadPool],
+    arguments: &Arguments,
+    report: &mut Report,
+) -> Result<()> {
+    let start = Instant::now();
+    let native = Bvh::<MollerTrumbore>::build(&stage.triangles);
+    let native_seconds = start.elapsed().as_secs_f64();
+    let casters = oracle_casters(stage)?;
+    report.builds.push(Build {
+        scene: stage.name.clone(),
+        triangles: stage.triangles.len(),
+        native_seconds,
+        embree_seconds: casters.seconds,
+        native_bytes: native.bytes(),
+        embree_bytes: casters.bytes,
+    });
+    let mut engines = vec![
+        Engine { name: "native single", side: Side::Native, caster: &native, batched: false },
+        Engine { name: "native batched", side: Side::Native, caster: &native, batched: true },
+    ];
+    engines.extend(casters.engines());
+    for kind in Kind::ALL {
+        let rays = kind.rays(stage, arguments.rays, arguments.seed);
+        for pool in pools {
+            complain(&format!("{} {} {}\n", stage.name, kind.name(), pool.current_num_threads()));
+            let outcome = compete(stage, kind, &rays, pool, &engines, arguments.rounds as usize);
+            report.results.push(outcome);
+        }
+    }
+    Ok(())
+}
+
+fn compete(
+    stage: &Stage,
+    kind: Kind,
+    rays: &[Ray],
+    pool: &ThreadPool,
+    engines: &[Engine],
+    rounds: usize,
+) -> Outcome {
+    let query = match kind {
+        Kind::Camera | Kind::Incoherent => Query::Nearest,
+        Kind::Segments => Query::Occluded,
+    };
+    let rates = pool.install(|| race(engines, rays, query, rounds));
+    let best = |side| {
+        let of_side = engines.iter().zip(&rates).filter(|(engine, _)| engine.side == side);
+        of_side.map(|(_, rates)| rates.median).max_by(f64::total_cmp)
+    };
+    let native = best(Side::Native).expect("the native engines take part");
+    let (embree_best, embree_robust_best) = (best(Side::Embree), best(Side::EmbreeRobust));
+    Outcome {
+        scene: stage.name.clone(),
+        triangles: stage.triangles.len(),
+        rays: kind.name(),
+        threads: pool.current_num_threads(),
+        native,
+        embree_best,
+        ratio: embree_best.map(|rate| native / rate),
+        embree_robust_best,
+        ratio_robust: embree_robust_best.map(|rate| native / rate),
+        engines: rates,
+    }
+}
+
+#[cfg(feature = "embree")]
+mod embree {
+    use super::{Engine, Result, Side, Stage};
+    use crate::oracle::{Device, EmbreeScene, Options, Packets};
+    use std::time::Instant;
+
+    pub struct Casters {
+        pub seconds: Option<f64>,
+        pub bytes: Option<usize>,
+        all: Vec<(&'static str, Side, EmbreeScene)>,
+    }
+
+    pub fn oracle() -> Result<String> {
+        let device = Device::new("")?;
+        Ok(format!("Embree {} ({})", device.version(), device.isa()))
+    }
+
+    pub fn oracle_casters(stage: &Stage) -> Result<Casters> {
+        let device = Device::new("")?;
+        let mut casters = Casters { seconds: None, bytes: None, all: Vec::new() };
+        for (side, names) in [
+            (Side::Embree, ["Embree 1", "Embree 8", "Embree 16"]),
+            (Side::EmbreeRobust, ["Embree robust 1", "Embree robust 8", "Embree robust 16"]),
+        ] {
+            let robust = side == Side::EmbreeRobust;
+            let options = Options { robust, packets: Packets::Single };
+            let start = Instant::now();
+            let scene = EmbreeScene::build(&device, &stage.triangles, options)?;
+            casters.seconds.get_or_insert(start.elapsed().as_secs_f64());
+            casters.bytes.get_or_insert(scene.bytes());
+            let packets = [Packets::Single, Packets::Packet8, Packets::Packet16];
+            for (name, packets) in names.into_iter().zip(packets) {
+                casters.all.push((name, side, scene.with_packets(packets)));
+            }
+        }
+        Ok(casters)
+    }
+
+    impl Casters {
+        pub fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
+            self.all.iter().map(|(name, side, scene)| Engine {
+                name,
+                side: *side,
+                caster: scene,
+                batched: true,
+            })
+        }
+    }
+}
+#[cfg(feature = "embree")]
+use embree::{oracle, oracle_casters};
+
+#[cfg(not(feature = "embree"))]
+mod alone {
+    use super::{Engine, Result, Stage};
+
+    pub struct Casters {
+        pub seconds: Option<f64>,
+        pub bytes: Option<usize>,
+    }
+
+    pub fn oracle() -> Result<String> {
+        Ok("without Embree; to race it, build with --features embree (see the README)".into())
+    }
+
+    pub fn oracle_casters(_: &Stage) -> Result<Casters> {
+        Ok(Casters { seconds: None, bytes: None })
+    }
+
+    impl Casters {
+        pub fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
+            std::iter::empty()
+        }
+    }
+}
+#[cfg(not(feature = "embree"))]
+use alone::{oracle, oracle_casters};
+
+impl Report {
+    fn to_text(&self) -> String {
+        let mut text = format!("native against {}; Mrays/s\n\n", self.oracle);
+        for b in &self.builds {
+            let _ = writeln!(
+                text,
+                "{:<10} {:>9} triangles  native {:>7.3} s {:>7.1} MB   Embree {:>7.3} s {:>7.1} MB",
+                b.scene,
+                b.triangles,
+                b.native_seconds,
+                b.native_bytes as f64 * 1e-6,
+                b.embree_seconds.unwrap_or(f64::NAN),
+                b.embree_bytes.unwrap_or(0) as f64 * 1e-6,
+            );
+        }
+        for r in &self.results {
+            let _ = write!(
+                text,
+                "{:<10} {:<11} {} native {:>7.2}  ratio {:>5.2} robust {:>5.2} |",
+                r.scene,
+                r.rays,
+                r.threads,
+                r.native,
+                r.ratio.unwrap_or(f64::NAN),
+                r.ratio_robust.unwrap_or(f64::NAN)
+            );
+            for e in &r.engines {
+                let _ = write!(text, " {:.2}", e.median);
+            }
+            text.push('\n');
+        }
+        text
+    }
+}
