@@ -19,32 +19,36 @@ const POINTS: u32 = 4;
 
 /// The uncovered share of each patch's area, in [0, 1], and the number of rays that it took.
 pub fn uncovered(caster: &impl RayCaster, mesh: &PatchMesh) -> (Vec<f64>, u64) {
-    let points = regular_triangle(POINTS);
     let rays = AtomicU64::new(0);
     let shares = (0..mesh.len())
         .into_par_iter()
         .with_min_len(64)
         .map(|i| {
-            let patch = PatchId(i as u32);
-            let side = mesh.side(patch);
-            let [p0, p1, p2] = mesh.triangle(patch).p;
-            let directions = probes(side.normal);
-            let mut traced = 0;
-            let open = points.iter().filter(|[l0, l1, l2]| {
-                let origin = side.lifted(p0 * *l0 + p1 * *l1 + p2 * *l2);
-                directions.iter().any(|&direction| {
-                    traced += 1;
-                    let ray = Ray::new(origin, direction);
-                    // A miss is open sky, and a lit side is something to see.
-                    caster.nearest(&ray).is_none_or(|hit| mesh.side_hit(&ray, &hit).is_some())
-                })
-            });
-            let share = open.count() as f64 / points.len() as f64;
+            let (share, traced) = uncovered_share(caster, mesh, PatchId(i as u32));
             rays.fetch_add(traced, Ordering::Relaxed);
             share
         })
         .collect();
     (shares, rays.into_inner())
+}
+
+/// The uncovered share of one patch's area, in [0, 1], and the number of rays that it took.
+pub fn uncovered_share(caster: &impl RayCaster, mesh: &PatchMesh, patch: PatchId) -> (f64, u64) {
+    let side = mesh.side(patch);
+    let [p0, p1, p2] = mesh.triangle(patch).p;
+    let directions = probes(side.normal);
+    let points = regular_triangle(POINTS);
+    let mut traced = 0;
+    let open = points.iter().filter(|[l0, l1, l2]| {
+        let origin = side.lifted(p0 * *l0 + p1 * *l1 + p2 * *l2);
+        directions.iter().any(|&direction| {
+            traced += 1;
+            let ray = Ray::new(origin, direction);
+            // A miss is open sky, and a lit side is something to see.
+            caster.nearest(&ray).is_none_or(|hit| mesh.side_hit(&ray, &hit).is_some())
+        })
+    });
+    (open.count() as f64 / points.len() as f64, traced)
 }
 
 /// The normal, then rings of directions that come down to 2° above the surface. Most points need

@@ -20,7 +20,8 @@
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`render`], [`export`] | flat and smooth pictures, exposure; files that appear whole |
-//! | 9 | [`cli`] | one file per subcommand |
+//! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
+//! | 10 | [`cli`] | one file per subcommand |
 //!
 //! Lower layers never name higher ones.
 //!
@@ -78,6 +79,7 @@ pub mod bvh;
 pub mod cli;
 pub mod color;
 pub mod coverage;
+pub mod equivalence;
 pub mod error;
 pub mod export;
 pub mod form_factor;

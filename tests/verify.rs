@@ -61,3 +61,46 @@ fn no_ray_leaves_a_closed_mesh_through_its_seams() {
         assert_eq!((&leak["rays"], &leak["escaped"]), (&100_000.into(), &0.into()), "{leak}");
     }
 }
+
+#[test]
+fn the_whole_pipeline_is_compared_and_its_differences_are_drawn() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let picture = folder.path().join("differences.png");
+    let path = picture.to_str().expect("UTF-8");
+    let verdicts = verify("scenes/furnace.toml", &["--rays", "2000", "--diff-image", path]);
+    let pipeline = &verdicts["pipeline"];
+    let peer = if cfg!(feature = "embree") { "Embree robust packets" } else { "native plane" };
+    assert_eq!(pipeline["peer"], peer);
+    for stage in ["form_factors", "direct_light", "coverage", "flat", "smooth"] {
+        let causes = pipeline[stage]["causes"].as_object().expect("an object");
+        assert!(!causes.contains_key("unexplained") && !causes.contains_key("native_wrong"));
+        let sum: u64 = causes.values().map(|count| count.as_u64().expect("a count")).sum();
+        assert_eq!(Some(sum), pipeline[stage]["differing"].as_u64(), "{stage}: {pipeline:#}");
+    }
+    assert_eq!(pipeline["radiosity"]["unexplained"], 0);
+    assert_eq!(pipeline["smooth"]["total"], 128 * 128);
+    let size = image::image_dimensions(&picture).expect("a picture");
+    assert_eq!(size, (128, 128));
+}
+
+#[test]
+fn a_picture_of_differences_overwrites_nothing_and_has_a_format() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let refuse = |arguments: &[&str]| {
+        let mut command = Command::cargo_bin("isolux").expect("the program is built");
+        command.current_dir(folder.path()).arg("verify").args(arguments);
+        let said = command.assert().code(2).get_output().stderr.clone();
+        String::from_utf8(said).expect("UTF-8")
+    };
+    std::fs::write(folder.path().join("a.obj"), "v 0 0 0").expect("a file");
+    assert!(refuse(&["a.obj", "--diff-image", "a.jpg"]).contains("no picture format"));
+    assert!(refuse(&["a.obj", "--diff-image", "missing/b.png"]).contains("does not exist"));
+    for outputs in
+        [["--json", "a.obj", "--diff-image", "b.png"], ["--json", "b.png", "--diff-image", "b.png"]]
+    {
+        let said = refuse(&[&["a.obj"][..], &outputs].concat());
+        assert!(said.contains("would overwrite"), "{said}");
+    }
+    assert_eq!(std::fs::read(folder.path().join("a.obj")).expect("a file"), b"v 0 0 0");
+    assert!(!folder.path().join("b.png").exists());
+}

@@ -11,6 +11,14 @@ pub fn bar(stage: &'static str) -> ProgressBar {
     bar
 }
 
+/// What suits a stage of the pipeline.
+pub fn stage(stage: &'static str) -> ProgressBar {
+    match stage {
+        "solve" | "shots" => spinner(stage),
+        _ => bar(stage),
+    }
+}
+
 /// A count for a stage whose end nobody knows.
 pub fn spinner(stage: &'static str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));

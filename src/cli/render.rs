@@ -14,6 +14,7 @@ use crate::radiosity::{self, Method, Radiosity, Settings};
 use crate::render::shading::{Flat, Shading, Smooth};
 use crate::render::smooth::VertexIrradiance;
 use crate::render::{self, Frame, Image, tone};
+use crate::scene::description::PatchDefaults;
 use crate::scene::topology::Topology;
 use crate::scene::{Camera, Description, Scene};
 use crate::solver::Stop;
@@ -22,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Patches that the subdivision aims at when nobody says: good and quick for a first picture.
-const DEFAULT_PATCHES: usize = 40_000;
+pub(super) const DEFAULT_PATCHES: usize = 40_000;
 
 pub fn run(arguments: &RenderArguments) -> Result<()> {
     let mut pool = rayon::ThreadPoolBuilder::new();
@@ -41,7 +42,8 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
     check_overwriting(arguments, &pictures, &description)?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);
-    let frame = frame(arguments, &description, pictures.len())?;
+    let images = pictures.len();
+    let frame = frame(arguments.size, arguments.spp, arguments.seed, &description, images)?;
     let load = start.elapsed();
 
     let mesh = PatchMesh::subdivide(&scene, subdivision(arguments, &description))?;
@@ -53,11 +55,8 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
     };
     let build = start.elapsed() - load;
 
-    let light = radiosity::solve(&caster, &mesh, &settings, &|stage| match stage {
-        "solve" | "shots" => progress::spinner(stage),
-        _ => progress::bar(stage),
-    })
-    .map_err(|error| error.in_file_if_none(&arguments.scene))?;
+    let light = radiosity::solve(&caster, &mesh, &settings, &progress::stage)
+        .map_err(|error| error.in_file_if_none(&arguments.scene))?;
 
     let rendering = Instant::now();
     let (images, cover_rays) = draw(arguments, &caster, &mesh, &camera, &frame, &pictures, &light);
@@ -145,9 +144,7 @@ fn check_overwriting(
 ) -> Result<()> {
     let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
     outputs.extend(arguments.stats.as_deref());
-    let mut inputs = vec![description.file.as_path()];
-    inputs.extend(description.models.iter().map(PathBuf::as_path));
-    check_distinct(&outputs, &inputs)
+    check_distinct(&outputs, &description.inputs())
 }
 
 /// room.png becomes room-flat.png.
@@ -161,8 +158,15 @@ fn with_suffix(path: &Path, shading: ShadingName) -> PathBuf {
     path.with_file_name(file)
 }
 
-fn frame(arguments: &RenderArguments, description: &Description, images: usize) -> Result<Frame> {
-    let [width, height] = arguments.size.or(description.image.size).unwrap_or([640, 480]);
+/// What to draw, if so many images of it fit into memory. What is not given the description says.
+pub(super) fn frame(
+    size: Option<[u32; 2]>,
+    samples: Option<u32>,
+    seed: u64,
+    description: &Description,
+    images: usize,
+) -> Result<Frame> {
+    let [width, height] = size.or(description.image.size).unwrap_or([640, 480]);
     if width == 0 || height == 0 || width > 1 << 16 || height > 1 << 16 {
         return Err(Error::new(format!("a picture of {width}x{height} pixels"))
             .remedy("give a width and a height from 1 to 65536"));
@@ -175,27 +179,30 @@ fn frame(arguments: &RenderArguments, description: &Description, images: usize) 
         memory::available(),
         "draw it smaller",
     )?;
-    let samples = arguments.spp.or(description.image.samples).unwrap_or(16);
+    let samples = samples.or(description.image.samples).unwrap_or(16);
     if samples == 0 {
         return Err(Error::new("0 samples a pixel")
             .in_file(&description.file)
             .remedy("give at least one"));
     }
-    Ok(Frame { width, height, samples, seed: arguments.seed })
+    Ok(Frame { width, height, samples, seed })
 }
 
 /// Flags come before the description, and the description before the default.
 fn subdivision(arguments: &RenderArguments, description: &Description) -> Subdivision {
-    let defaults = &description.patches;
     match (arguments.levels, arguments.max_edge) {
         (Some(levels), _) => Subdivision::Levels(levels),
         (None, Some(length)) => Subdivision::MaxEdge(length),
-        (None, None) => match (defaults.levels, defaults.max_edge) {
-            (Some(levels), _) => Subdivision::Levels(levels),
-            (None, Some(length)) => Subdivision::MaxEdge(length as f64),
-            (None, None) => Subdivision::Count(DEFAULT_PATCHES),
-        },
+        (None, None) => {
+            described(&description.patches).unwrap_or(Subdivision::Count(DEFAULT_PATCHES))
+        }
     }
+}
+
+/// The description's wish, if it has one.
+pub(super) fn described(patches: &PatchDefaults) -> Option<Subdivision> {
+    let levels = patches.levels.map(Subdivision::Levels);
+    levels.or(patches.max_edge.map(|length| Subdivision::MaxEdge(length as f64)))
 }
 
 fn settings(arguments: &RenderArguments, mesh: &PatchMesh) -> Result<Settings> {

@@ -1,9 +1,13 @@
 //! `isolux verify`: every ray checked, by another tracer and by a referee.
 
+mod pipeline;
+
 use super::{complain, progress, say, warn};
 use crate::bvh::Bvh;
+use crate::equivalence::Summary;
 use crate::error::Result;
-use crate::export::file::{Output, check_writable, write_all};
+use crate::export::file::{Output, check_distinct, check_writable, write_all};
+use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 use crate::scene::{Camera, Description, Scene};
 use crate::verify::bounds::Arithmetic;
@@ -11,10 +15,11 @@ use crate::verify::leaks::{Leaks, leaks};
 use crate::verify::rays::{Kind, RaySource};
 use crate::verify::survey::{Finding, Peer, sum, survey};
 use crate::verify::tally::Tally;
+use pipeline::PipelineReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Above so many triangles brute force is too slow to be asked.
@@ -42,13 +47,22 @@ pub struct Arguments {
     /// Write the counts as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+
+    /// Run the whole pipeline on a peer too (Embree if it is built in, else the other kernel), explain
+    /// every number and every pixel that differs, and draw where: .png, .exr or .hdr, the scene in
+    /// grey, bluish for rounding, yellow for patch boundaries, green for ties and touching, cyan for
+    /// precision, magenta for a wrong peer, red for a wrong answer of ours or no explanation
+    #[arg(long, value_name = "FILE")]
+    diff_image: Option<PathBuf>,
 }
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
-    if let Some(path) = &arguments.json {
-        check_writable(path)?;
-    }
+    let outputs: Vec<&Path> =
+        arguments.json.iter().chain(&arguments.diff_image).map(PathBuf::as_path).collect();
+    arguments.diff_image.as_deref().map(Format::of).transpose()?;
+    outputs.iter().try_for_each(|path| check_writable(path))?;
     let description = Description::load(&arguments.scene)?;
+    check_distinct(&outputs, &description.inputs())?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);
 
@@ -59,15 +73,25 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     };
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, oracle) = peers(&scene.triangles)?;
+    let scenery = (&description, &scene, &camera);
+    let pipeline = arguments
+        .diff_image
+        .as_deref()
+        .map(|path| pipeline::run(&native, &peers, scenery, arguments.seed, path))
+        .transpose()?;
+    let (pipeline, picture) = pipeline.unzip();
     let bar = progress::bar("verify");
     let findings = survey(&scene.triangles, &native, &peers, &source, arguments.rays, &bar);
     bar.finish_and_clear();
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
-    let verdict = Report::new(&description.title, &oracle, arguments, &findings, leaks);
-    if let Some(path) = &arguments.json {
-        write_all(vec![Output { path: path.clone(), bytes: verdict.to_json() }])?;
-    }
+    let verdict = Report {
+        pipeline,
+        ..Report::new(&description.title, &oracle, arguments, &findings, leaks)
+    };
+    let json = arguments.json.as_ref();
+    let json = json.map(|path| Output { path: path.clone(), bytes: verdict.to_json() });
+    write_all(json.into_iter().chain(picture).collect())?;
     say(&verdict.to_text(&findings));
     Ok(conclude(&verdict, &findings))
 }
@@ -79,10 +103,20 @@ fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
     for (peer, failure) in told.take(FAILURES_TOLD) {
         complain(&format!("\nagainst {peer}:\n{failure}"));
     }
-    if failures == 0 {
+    let summary = report.pipeline.as_ref().map(|pipeline| &pipeline.summary);
+    for source in summary.into_iter().flat_map(Summary::sources).take(FAILURES_TOLD) {
+        complain(&format!("\nin the pipeline:\n{source}"));
+    }
+    let unequal = summary.map_or(0, Summary::failures);
+    if failures + unequal == 0 {
         return ExitCode::SUCCESS;
     }
-    complain(&format!("error: {failures} answers of our own tracer are wrong\n"));
+    if failures > 0 {
+        complain(&format!("error: {failures} answers of our own tracer are wrong\n"));
+    }
+    if unequal > 0 {
+        complain(&format!("error: {unequal} numbers of the pipeline are wrong or unexplained\n"));
+    }
     ExitCode::from(1)
 }
 
@@ -154,6 +188,9 @@ struct Report {
     by_caster_and_kind: BTreeMap<&'static str, BTreeMap<&'static str, Tally>>,
     /// Rays out of a closed mesh, per caster; empty if the mesh is open.
     leaks: Vec<Leaks>,
+    /// With `--diff-image`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pipeline: Option<PipelineReport>,
 }
 
 impl Report {
@@ -181,6 +218,7 @@ impl Report {
             by_caster_and_kind: findings.iter().map(|f| (f.peer, kinds(f))).collect(),
             by_caster,
             leaks,
+            pipeline: None,
         }
     }
 
@@ -206,6 +244,9 @@ impl Report {
         row(&mut text, "total", &self.total);
         for leaks in &self.leaks {
             let _ = writeln!(text, "{leaks}");
+        }
+        if let Some(pipeline) = &self.pipeline {
+            let _ = write!(text, "\n{pipeline}");
         }
         text
     }

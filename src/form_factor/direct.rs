@@ -103,6 +103,11 @@ impl<C: RayCaster> Estimator<'_, C> {
             })
             .collect()
     }
+
+    /// D_i of one patch, as [`direct_light`](Self::direct_light) would give it.
+    pub fn direct_light_of(&self, emitters: &Emitters, i: PatchId) -> Rgb64 {
+        DirectWork::default().direct(self, emitters, i)
+    }
 }
 
 /// One thread's buffers.

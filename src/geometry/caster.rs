@@ -22,3 +22,22 @@ pub trait RayCaster: Sync {
         blocked.extend(rays.iter().map(|ray| self.occluded(ray)));
     }
 }
+
+/// So that a caster chosen at run time can be handed to whoever takes any.
+impl<C: RayCaster + ?Sized> RayCaster for &C {
+    fn nearest(&self, ray: &Ray) -> Option<Hit> {
+        (**self).nearest(ray)
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        (**self).occluded(ray)
+    }
+
+    fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        (**self).nearest_batch(rays, hits);
+    }
+
+    fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {
+        (**self).occluded_batch(rays, blocked);
+    }
+}

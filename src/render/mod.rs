@@ -70,6 +70,20 @@ pub fn render(
         .collect()
 }
 
+/// One pixel, (x, y) from the top left, as [`render`] would draw it.
+pub fn pixel(
+    caster: &impl RayCaster,
+    mesh: &PatchMesh,
+    camera: &Camera,
+    frame: &Frame,
+    at: (usize, usize),
+    shading: &dyn Shading,
+) -> Rgb {
+    let mut pixel = [Rgb::ZERO];
+    Work::default().draw(caster, mesh, camera, frame, at, &[shading], &mut pixel);
+    pixel[0]
+}
+
 /// One thread's buffers.
 #[derive(Default)]
 struct Work {

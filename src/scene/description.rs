@@ -134,6 +134,12 @@ struct MaterialOverride {
 }
 
 impl Description {
+    /// The files that were named: an output must be none of them.
+    pub fn inputs(&self) -> Vec<&Path> {
+        let models = self.models.iter().map(PathBuf::as_path);
+        std::iter::once(self.file.as_path()).chain(models).collect()
+    }
+
     /// Reads a `.toml` description, or makes one for a bare `.obj`.
     ///
     /// # Errors

@@ -1,0 +1,138 @@
+//! `isolux verify --diff-image`: the whole pipeline on two tracers, and a picture of where it differs.
+
+use crate::cli::{progress, render};
+use crate::equivalence::{Cause, Pair, Pipeline, Stage, Summary};
+use crate::error::Result;
+use crate::export::file::Output;
+use crate::export::picture::Format;
+use crate::geometry::RayCaster;
+use crate::patches::{PatchMesh, Subdivision};
+use crate::radiosity::{Method, Settings, Solver, has_small_emitters};
+use crate::render::tone;
+use crate::sampling::PointSet;
+use crate::scene::{Camera, Description, Scene};
+use crate::solver::{MatrixMethod, Stop};
+use crate::verify::survey::Peer;
+use crate::verify::{Arithmetic, Judge};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
+use std::path::Path;
+
+/// What `isolux render` does unless told otherwise, and the most that is done here.
+const MOST_PATCHES: usize = render::DEFAULT_PATCHES;
+const RAYS_PER_PATCH: u32 = 256;
+const DIRECT_SAMPLES: u32 = 64;
+const MOST_SAMPLES: u32 = 16;
+const CREASE_DEGREES: f32 = 30.0;
+const TOLERANCE: f64 = 1e-4;
+
+/// What came of it, for programs.
+#[derive(Serialize)]
+pub struct PipelineReport {
+    peer: &'static str,
+    patches: usize,
+    #[serde(flatten)]
+    pub summary: Summary,
+}
+
+/// Compares the native tracer with the most different of the peers, and draws where they differ.
+pub fn run(
+    native: &dyn RayCaster,
+    peers: &[Peer],
+    (description, scene, camera): (&Description, &Scene, &Camera),
+    seed: u64,
+    path: &Path,
+) -> Result<(PipelineReport, Output)> {
+    let peer = most_different(peers);
+    let judge = Judge::new(&scene.triangles, Arithmetic::MollerTrumbore, peer.arithmetic);
+    let pair = Pair { native, peer: &*peer.caster, judge, peer_is_ours: peer.is_native };
+    let mesh = patches(scene, description)?;
+    let samples = description.image.samples.unwrap_or(MOST_SAMPLES).min(MOST_SAMPLES);
+    // Two pictures at a time, and one for the differences.
+    let frame = render::frame(None, Some(samples), seed, description, 3)?;
+    let settings = settings(&mesh, seed);
+    let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: CREASE_DEGREES };
+    let comparison = pipeline
+        .compare(&pair, &progress::stage)
+        .map_err(|error| error.in_file_if_none(&description.file))?;
+
+    let exposure = description
+        .image
+        .exposure
+        .unwrap_or_else(|| tone::automatic_exposure(&comparison.smooth, scene.dimmest_emitter()));
+    let bytes = Format::of(path)?.encode(&comparison.difference_image(exposure), exposure)?;
+    let summary = comparison.summary;
+    let report = PipelineReport { peer: peer.name, patches: mesh.len(), summary };
+    Ok((report, Output { path: path.to_path_buf(), bytes }))
+}
+
+/// Embree where it is built in, else the other kernel.
+fn most_different<'p, 'a>(peers: &'p [Peer<'a>]) -> &'p Peer<'a> {
+    let named = |name| peers.iter().find(|peer| peer.name == name);
+    named("Embree robust packets").or_else(|| named("native plane")).expect("one is always asked")
+}
+
+/// The description's, unless they are too many.
+fn patches<'s>(scene: &'s Scene, description: &Description) -> Result<PatchMesh<'s>> {
+    if let Some(subdivision) = render::described(&description.patches) {
+        let mesh = PatchMesh::subdivide(scene, subdivision)?;
+        if mesh.len() <= MOST_PATCHES {
+            return Ok(mesh);
+        }
+    }
+    PatchMesh::subdivide(scene, Subdivision::Count(MOST_PATCHES))
+}
+
+fn settings(mesh: &PatchMesh, seed: u64) -> Settings {
+    Settings {
+        method: Method::Hemisphere,
+        samples: RAYS_PER_PATCH,
+        points: PointSet::Sobol,
+        direct_samples: if has_small_emitters(mesh) { DIRECT_SAMPLES } else { 0 },
+        solver: Solver::Matrix(MatrixMethod::GaussSeidel),
+        stop: Stop { tolerance: TOLERANCE, iterations: None },
+        seed,
+        memory_limit: crate::memory::available().map(|bytes| bytes / 5 * 4),
+    }
+}
+
+impl Display for PipelineReport {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        let Summary { form_factors, direct_light, coverage, radiosity, flat, smooth } =
+            &self.summary;
+        writeln!(f, "the whole pipeline, {} patches, held against {}\n", self.patches, self.peer)?;
+        writeln!(f, "{:<26} {:>11} {:>11}  because of", "", "in all", "differ")?;
+        line(f, "form-factor entries", form_factors)?;
+        line(f, "patches' direct light", direct_light)?;
+        line(f, "patches' coverage", coverage)?;
+        let (total, differing) = (radiosity.total, radiosity.differing);
+        let why = match (differing, radiosity.unexplained) {
+            (0, _) => String::new(),
+            (_, 0) => format!(
+                "the entries, by up to {:.1e} of their value",
+                radiosity.largest_relative_difference
+            ),
+            _ => Cause::Unexplained.to_string(),
+        };
+        row(f, "patches' radiosity", total, differing, &why)?;
+        line(f, "flat pixels", flat)?;
+        line(f, "smooth pixels", smooth)
+    }
+}
+
+fn line(f: &mut Formatter, what: &str, stage: &Stage) -> fmt::Result {
+    row(f, what, stage.total, stage.differing, &words(&stage.causes))
+}
+
+fn row(f: &mut Formatter, what: &str, total: u64, differing: u64, why: &str) -> fmt::Result {
+    let row = format!("{what:<26} {total:>11} {differing:>11}  {why}");
+    writeln!(f, "{}", row.trim_end())
+}
+
+/// "12 rounding, 3 tie".
+fn words(causes: &BTreeMap<Cause, u64>) -> String {
+    let each: Vec<String> =
+        causes.iter().map(|(cause, count)| format!("{count} {cause}")).collect();
+    each.join(", ")
+}

@@ -1,0 +1,264 @@
+//! The whole pipeline on two tracers, and every difference traced back to the rays that made it.
+//!
+//! With one seed both tracers are asked about the same rays. What comes of their answers (form
+//! factors, direct light, coverage, pixels) is compared number by number; whatever differs is made
+//! once more, with a [`witness`] in the caster's place that asks both and lets the exact referee
+//! settle each answer that differs. Both pictures are drawn with the native solution, so that a
+//! pixel differs by its own rays alone; what the other solution would have changed is told apart.
+
+mod picture;
+#[cfg(test)]
+mod tests;
+mod witness;
+
+use crate::color::Rgb64;
+use crate::coverage::{uncovered, uncovered_share};
+use crate::error::Result;
+use crate::form_factor::direct::Emitters;
+use crate::form_factor::hemisphere::HemisphereSource;
+use crate::form_factor::{Estimator, RowSource};
+use crate::geometry::RayCaster;
+use crate::patches::{PatchId, PatchMesh};
+use crate::radiosity::{self, Settings};
+use crate::render::shading::{Flat, Shading, Smooth};
+use crate::render::smooth::VertexIrradiance;
+use crate::render::{Frame, Image, pixel, render};
+use crate::sampling::PointSet;
+use crate::scene::Camera;
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+pub use witness::{Cause, Pair};
+use witness::{Detail, Difference};
+
+/// What to run on both tracers.
+pub struct Pipeline<'a> {
+    pub mesh: &'a PatchMesh<'a>,
+    /// Of the light; `method` must be hemisphere, the only one whose rays can hit something else.
+    pub settings: Settings,
+    pub camera: &'a Camera,
+    pub frame: Frame,
+    /// See [`VertexIrradiance::new`].
+    pub crease: f32,
+}
+
+/// One kind of number, compared.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Stage {
+    pub total: u64,
+    pub differing: u64,
+    /// How many of those that differ have which cause; of several causes the gravest.
+    pub causes: BTreeMap<Cause, u64>,
+    #[serde(skip)]
+    sources: Vec<String>,
+}
+
+impl Stage {
+    fn add(&mut self, differing: u64, difference: Difference) {
+        self.differing += differing;
+        *self.causes.entry(difference.cause).or_default() += differing;
+        self.sources.extend(difference.source);
+    }
+}
+
+/// The patches' radiosity, compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Solutions {
+    pub total: u64,
+    pub differing: u64,
+    /// Of a patch's radiosity, in its worst channel, relative to its brightest one.
+    pub largest_relative_difference: f64,
+    /// Those that differ although the equations do not.
+    pub unexplained: u64,
+}
+
+/// Everything that was compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Entries F_ij that either matrix has.
+    pub form_factors: Stage,
+    /// Patches; none if direct light was not estimated apart.
+    pub direct_light: Stage,
+    /// Patches' uncovered shares.
+    pub coverage: Stage,
+    pub radiosity: Solutions,
+    /// Pixels.
+    pub flat: Stage,
+    /// Pixels.
+    pub smooth: Stage,
+}
+
+impl Summary {
+    pub fn stages(&self) -> [&Stage; 5] {
+        [&self.form_factors, &self.direct_light, &self.coverage, &self.flat, &self.smooth]
+    }
+
+    /// Numbers that differ because we were wrong, or for no known reason.
+    pub fn failures(&self) -> u64 {
+        let causes = self.stages().into_iter().flat_map(|stage| &stage.causes);
+        let failed = causes.filter(|(cause, _)| cause.is_failure()).map(|(_, count)| count);
+        failed.sum::<u64>() + self.radiosity.unexplained
+    }
+
+    /// The queries that were answered wrongly, as source for a test.
+    pub fn sources(&self) -> impl Iterator<Item = &String> {
+        self.stages().into_iter().flat_map(|stage| &stage.sources)
+    }
+}
+
+/// A summary, and what is needed to show where the differences lie.
+pub struct Comparison {
+    pub summary: Summary,
+    /// Drawn with the native tracer.
+    pub smooth: Image,
+    /// Per pixel, the gravest cause of a difference in either picture.
+    pub causes: Vec<Option<Cause>>,
+}
+
+impl Pipeline<'_> {
+    /// Runs everything on both tracers, and explains what differs.
+    ///
+    /// # Errors
+    /// See [`radiosity::solve`].
+    pub fn compare(
+        &self,
+        pair: &Pair,
+        progress: &dyn Fn(&'static str) -> ProgressBar,
+    ) -> Result<Comparison> {
+        let native = radiosity::solve(&pair.native, self.mesh, &self.settings, progress)?;
+        let peer = radiosity::solve(&pair.peer, self.mesh, &self.settings, progress)?;
+        let (shares, _) = uncovered(&pair.native, self.mesh);
+        let vertices = VertexIrradiance::new(self.mesh, &native.irradiance, &shares, self.crease);
+        let flat_shading = Flat::new(self.mesh, &native.irradiance, &shares);
+        let smooth_shading = Smooth::new(self.mesh, vertices);
+
+        let form_factors = self.form_factors(pair);
+        let direct_light = self.direct_light(pair);
+        let radiosity =
+            solutions(&native.radiosity, &peer.radiosity, [&form_factors, &direct_light]);
+        let flat = self.picture(pair, &flat_shading, Detail::Patch, progress);
+        let smooth = self.picture(pair, &smooth_shading, Detail::Point, progress);
+        let causes = flat.causes.iter().zip(&smooth.causes).map(|(a, b)| *a.max(b)).collect();
+        let coverage = self.coverage(pair);
+        let (flat, smooth, image) = (flat.stage, smooth.stage, smooth.native);
+        let summary = Summary { form_factors, direct_light, coverage, radiosity, flat, smooth };
+        Ok(Comparison { summary, smooth: image, causes })
+    }
+
+    fn form_factors(&self, pair: &Pair) -> Stage {
+        let (settings, quiet) = (&self.settings, ProgressBar::hidden());
+        let row = |caster: &dyn RayCaster, i| {
+            let (samples, points) = (settings.samples, settings.points);
+            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &quiet);
+            HemisphereSource(&of).row(i)
+        };
+        self.per_patch(pair, row, |a, b| count_entries(a, b))
+    }
+
+    fn direct_light(&self, pair: &Pair) -> Stage {
+        let (settings, quiet) = (&self.settings, ProgressBar::hidden());
+        if settings.direct_samples == 0 {
+            return Stage::default();
+        }
+        let emitters = Emitters::of(self.mesh);
+        let light = |caster: &dyn RayCaster, i| {
+            let (samples, points) = (settings.direct_samples, PointSet::Sobol);
+            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &quiet);
+            of.direct_light_of(&emitters, i)
+        };
+        self.per_patch(pair, light, |a, b| (1, (a != b) as u64))
+    }
+
+    fn coverage(&self, pair: &Pair) -> Stage {
+        let share = |caster: &dyn RayCaster, i| uncovered_share(&caster, self.mesh, i).0;
+        self.per_patch(pair, share, |a, b| (1, (a != b) as u64))
+    }
+
+    /// Compares what both casters make of each patch; `count` says how many numbers there are in
+    /// two results, and how many of them differ.
+    fn per_patch<T: PartialEq>(
+        &self,
+        pair: &Pair,
+        make: impl Fn(&dyn RayCaster, PatchId) -> T + Sync,
+        count: impl Fn(&T, &T) -> (u64, u64) + Sync,
+    ) -> Stage {
+        let compared: Vec<((u64, u64), Option<Difference>)> = (0..self.mesh.len() as u32)
+            .into_par_iter()
+            .map(|i| {
+                let make = |caster: &dyn RayCaster| make(caster, PatchId(i));
+                let (ours, theirs) = (make(pair.native), make(pair.peer));
+                let results = (&ours, &theirs);
+                let difference = pair.difference(self.mesh, Detail::Patch, results, make);
+                (count(&ours, &theirs), difference)
+            })
+            .collect();
+        let mut stage = Stage::default();
+        for ((total, differing), difference) in compared {
+            stage.total += total;
+            difference.into_iter().for_each(|difference| stage.add(differing, difference));
+        }
+        stage
+    }
+
+    fn picture(
+        &self,
+        pair: &Pair,
+        shading: &dyn Shading,
+        detail: Detail,
+        progress: &dyn Fn(&'static str) -> ProgressBar,
+    ) -> Picture {
+        let (mesh, camera, frame) = (self.mesh, self.camera, &self.frame);
+        let [native, peer] = [pair.native, pair.peer].map(|caster| {
+            let bar = progress("render");
+            let image = render(&caster, mesh, camera, frame, &[shading], &bar).remove(0);
+            bar.finish_and_clear();
+            image
+        });
+        let differences: Vec<Option<Difference>> = (0..native.pixels.len())
+            .into_par_iter()
+            .map(|i| {
+                let at = (i % frame.width as usize, i / frame.width as usize);
+                let results = (&native.pixels[i], &peer.pixels[i]);
+                let again = |c: &dyn RayCaster| pixel(&c, mesh, camera, frame, at, shading);
+                pair.difference(mesh, detail, results, again)
+            })
+            .collect();
+        let causes = differences.iter().map(|d| d.as_ref().map(|d| d.cause)).collect();
+        let mut stage = Stage { total: native.pixels.len() as u64, ..Stage::default() };
+        differences.into_iter().flatten().for_each(|difference| stage.add(1, difference));
+        Picture { native, stage, causes }
+    }
+}
+
+/// A picture drawn twice.
+struct Picture {
+    native: Image,
+    stage: Stage,
+    causes: Vec<Option<Cause>>,
+}
+
+/// How many entries two rows have, and how many of them differ.
+fn count_entries(a: &[(PatchId, f64)], b: &[(PatchId, f64)]) -> (u64, u64) {
+    let (a, b): (BTreeMap<_, _>, BTreeMap<_, _>) =
+        (a.iter().copied().collect(), b.iter().copied().collect());
+    let only_theirs = b.keys().filter(|j| !a.contains_key(j)).count();
+    let differing = a.iter().filter(|(j, factor)| b.get(j) != Some(factor)).count();
+    ((a.len() + only_theirs) as u64, (differing + only_theirs) as u64)
+}
+
+/// `equations`: what the solutions were made from.
+fn solutions(native: &[Rgb64], peer: &[Rgb64], equations: [&Stage; 2]) -> Solutions {
+    let pairs = || native.iter().zip(peer);
+    let relative = pairs()
+        .filter(|(a, b)| a != b)
+        .map(|(a, b)| (*a - *b).abs().max_element() / a.abs().max(b.abs()).max_element());
+    let differing = pairs().filter(|(a, b)| a != b).count() as u64;
+    let is_explained = equations.iter().any(|stage| stage.differing > 0);
+    Solutions {
+        total: native.len() as u64,
+        differing,
+        largest_relative_difference: relative.fold(0.0, f64::max),
+        unexplained: if is_explained { 0 } else { differing },
+    }
+}
