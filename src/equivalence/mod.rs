@@ -2,7 +2,7 @@
 //!
 //! With one seed both tracers are asked about the same rays. What comes of their answers (form
 //! factors, direct light, coverage, pixels) is compared number by number; whatever differs is made
-//! once more, with a [`witness`] in the caster's place that asks both and lets the exact referee
+//! once more, with a witness in the caster's place that asks both and lets the exact referee
 //! settle each answer that differs. Both pictures are drawn with the native solution, so that a
 //! pixel differs by its own rays alone; what the other solution would have changed is told apart.
 
