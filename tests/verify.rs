@@ -61,3 +61,24 @@ fn no_ray_leaves_a_closed_mesh_through_its_seams() {
         assert_eq!((&leak["rays"], &leak["escaped"]), (&100_000.into(), &0.into()), "{leak}");
     }
 }
+
+#[test]
+fn our_answers_on_the_integer_grid_are_exact_to_the_bit() {
+    let verdicts = verify("scenes/furnace.toml", &["--rays", "1000"]);
+    let grid = verdicts["grid"].as_array().expect("a list");
+    let find = |name: &str| {
+        let is_it = |finding: &&Value| finding["caster"] == name;
+        grid.iter().find(is_it).unwrap_or_else(|| panic!("{name} was not asked"))
+    };
+    for name in ["native", "native single", "brute force"] {
+        // 10,000 rays, asked for the nearest and for any hit.
+        assert_eq!(
+            (&find(name)["queries"], &find(name)["exact"]),
+            (&20_000.into(), &20_000.into())
+        );
+    }
+    for name in ["native plane", "brute force plane"] {
+        assert_eq!(find(name)["wrong"], 0, "{name}");
+        assert!(find(name)["exact"].as_u64() >= Some(10_000), "half of the rays are exact for it");
+    }
+}

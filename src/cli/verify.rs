@@ -7,6 +7,7 @@ use crate::export::file::{Output, check_writable, write_all};
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 use crate::scene::{Camera, Description, Scene};
 use crate::verify::bounds::Arithmetic;
+use crate::verify::grid::{Grid, GridFinding};
 use crate::verify::leaks::{Leaks, leaks};
 use crate::verify::rays::{Kind, RaySource};
 use crate::verify::survey::{Finding, Peer, sum, survey};
@@ -64,7 +65,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     bar.finish_and_clear();
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
-    let verdict = Report::new(&description.title, &oracle, arguments, &findings, leaks);
+    let grid = ask_grids(arguments)?;
+
+    let verdict = Report::new(&description.title, &oracle, arguments, &findings, leaks, grid);
     if let Some(path) = &arguments.json {
         write_all(vec![Output { path: path.clone(), bytes: verdict.to_json() }])?;
     }
@@ -74,16 +77,48 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
 
 /// Prints the failures and decides the exit code: 1 if a tracer of ours was wrong.
 fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
-    let failures = report.total.failures();
+    let grid = report.grid.iter().filter(|finding| finding.is_native);
+    let failures = report.total.failures() + grid.clone().map(|finding| finding.wrong).sum::<u64>();
     let told = findings.iter().flat_map(|f| f.failures.iter().map(|failure| (f.peer, failure)));
+    let on_grid = grid.flat_map(|f| f.failures.iter().map(|failure| (f.caster, failure)));
     for (peer, failure) in told.take(FAILURES_TOLD) {
         complain(&format!("\nagainst {peer}:\n{failure}"));
+    }
+    for (caster, failure) in on_grid.take(FAILURES_TOLD) {
+        complain(&format!("\n{caster} on the integer grid:\n{failure}"));
     }
     if failures == 0 {
         return ExitCode::SUCCESS;
     }
     complain(&format!("error: {failures} answers of our own tracer are wrong\n"));
     ExitCode::from(1)
+}
+
+/// Rays about each scene that is built in: a share of the user's scene's, within reason.
+fn built_in_rays(arguments: &Arguments) -> u64 {
+    (arguments.rays / 10).clamp(10_000, 100_000)
+}
+
+/// Every tracer, the native one first, on both integer grids.
+fn ask_grids(arguments: &Arguments) -> Result<Vec<GridFinding>> {
+    let rays = built_in_rays(arguments) / 2;
+    let ask = |grid: Grid| {
+        let (mut casters, _) = peers(&grid.triangles)?;
+        casters.insert(
+            0,
+            Peer {
+                name: "native",
+                caster: Box::new(Bvh::<MollerTrumbore>::build(&grid.triangles)),
+                arithmetic: Arithmetic::MollerTrumbore,
+                is_native: true,
+                single: false,
+            },
+        );
+        Ok(grid.ask(&casters))
+    };
+    let general = ask(Grid::general(rays, arguments.seed))?;
+    let dyadic = ask(Grid::dyadic(rays, arguments.seed))?;
+    Ok(general.into_iter().zip(dyadic).map(|(a, b)| a.and(b)).collect())
 }
 
 /// Everyone to hold the native tracer against, and what is known of the oracle among them.
@@ -154,6 +189,8 @@ struct Report {
     by_caster_and_kind: BTreeMap<&'static str, BTreeMap<&'static str, Tally>>,
     /// Rays out of a closed mesh, per caster; empty if the mesh is open.
     leaks: Vec<Leaks>,
+    /// Scenes of small integers, where our bits are demanded, per caster.
+    grid: Vec<GridFinding>,
 }
 
 impl Report {
@@ -163,6 +200,7 @@ impl Report {
         arguments: &Arguments,
         findings: &[Finding],
         leaks: Vec<Leaks>,
+        grid: Vec<GridFinding>,
     ) -> Self {
         let kinds = |finding: &Finding| -> BTreeMap<&'static str, Tally> {
             Kind::ALL.iter().map(|kind| kind.name()).zip(finding.by_kind.iter().copied()).collect()
@@ -181,6 +219,7 @@ impl Report {
             by_caster_and_kind: findings.iter().map(|f| (f.peer, kinds(f))).collect(),
             by_caster,
             leaks,
+            grid,
         }
     }
 
@@ -206,6 +245,9 @@ impl Report {
         row(&mut text, "total", &self.total);
         for leaks in &self.leaks {
             let _ = writeln!(text, "{leaks}");
+        }
+        for finding in &self.grid {
+            let _ = writeln!(text, "{finding}");
         }
         text
     }

@@ -15,6 +15,7 @@
 //! | [`rays`] | rays to ask about, ordinary and nasty |
 //! | [`survey`] | every kind of ray through every pair of casters |
 //! | [`leaks`] | how often a closed mesh lets a ray out |
+//! | [`grid`] | scenes of small integers, on which every bit is demanded |
 //! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
 //!
 //! Nothing here is decided by a guessed tolerance. What is true is decided exactly: f64 with a
@@ -25,6 +26,7 @@ pub mod bounds;
 pub mod cross_checked;
 pub mod exact;
 pub mod forms;
+pub mod grid;
 pub mod leaks;
 pub mod rays;
 pub mod referee;

@@ -128,13 +128,14 @@ impl Chunk {
     }
 }
 
-struct Answers {
-    nearest: Vec<Option<Hit>>,
-    occluded: Vec<bool>,
+/// What one caster says about some rays.
+pub(super) struct Answers {
+    pub nearest: Vec<Option<Hit>>,
+    pub occluded: Vec<bool>,
 }
 
 impl Answers {
-    fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
+    pub fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
         let mut answers = Answers { nearest: Vec::new(), occluded: Vec::new() };
         if single {
             answers.nearest = rays.iter().map(|ray| caster.nearest(ray)).collect();
