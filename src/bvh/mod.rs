@@ -7,6 +7,8 @@
 //! but where rounding puts a grazing hit before its own box, or a tie between two triangles.
 
 mod build;
+#[cfg(test)]
+pub(crate) mod mutants;
 mod traverse;
 
 use crate::geometry::{
