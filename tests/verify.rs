@@ -82,3 +82,19 @@ fn our_answers_on_the_integer_grid_are_exact_to_the_bit() {
         assert!(find(name)["exact"].as_u64() >= Some(10_000), "half of the rays are exact for it");
     }
 }
+
+#[test]
+fn no_answer_of_ours_is_wrong_on_the_unruly_mesh() {
+    for seed in ["1", "2", "3"] {
+        let verdicts = verify("scenes/furnace.toml", &["--rays", "1000", "--seed", seed]);
+        for name in ["native single", "native plane", "brute force", "brute force plane"] {
+            let tally = &verdicts["unruly"][name];
+            assert!(tally["queries"].as_u64() >= Some(20_000), "{name}: {tally}");
+            assert_eq!((&tally["native_wrong"], &tally["both_wrong"]), (&0.into(), &0.into()));
+        }
+        let total = |what: &str| verdicts["unruly"]["brute force plane"][what].as_u64();
+        assert!(
+            total("tie") > Some(0) && total("touching") > Some(0) && total("precision") > Some(0)
+        );
+    }
+}

@@ -21,7 +21,7 @@ pub struct Mutant {
 pub const CONTROL: Mutant = Mutant { name: "no fault", build: kernel::<NO_FAULT> };
 
 pub const MUTANTS: [Mutant; 22] = [
-    Mutant { name: "a box one ulp too small", build: |t| data(t, |bvh| shrink_a_box(bvh)) },
+    Mutant { name: "a box one ulp too small", build: |t| data(t, shrink_a_box) },
     Mutant { name: "a child dropped", build: |t| data(t, |bvh| *a_child(bvh) = Child::NONE) },
     Mutant {
         name: "two children's boxes exchanged",

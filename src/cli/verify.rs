@@ -12,6 +12,8 @@ use crate::verify::leaks::{Leaks, leaks};
 use crate::verify::rays::{Kind, RaySource};
 use crate::verify::survey::{Finding, Peer, sum, survey};
 use crate::verify::tally::Tally;
+use crate::verify::unruly::unruly_scene;
+use indicatif::ProgressBar;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -65,20 +67,23 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     bar.finish_and_clear();
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
+    let unruly = survey_unruly(arguments)?;
     let grid = ask_grids(arguments)?;
 
-    let verdict = Report::new(&description.title, &oracle, arguments, &findings, leaks, grid);
+    let built_in = BuiltIn { unruly: by_caster(&unruly), grid };
+    let verdict = Report::new(&description.title, &oracle, arguments, &findings, leaks, built_in);
     if let Some(path) = &arguments.json {
         write_all(vec![Output { path: path.clone(), bytes: verdict.to_json() }])?;
     }
     say(&verdict.to_text(&findings));
-    Ok(conclude(&verdict, &findings))
+    Ok(conclude(&verdict, &[findings, unruly].concat()))
 }
 
 /// Prints the failures and decides the exit code: 1 if a tracer of ours was wrong.
 fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
-    let grid = report.grid.iter().filter(|finding| finding.is_native);
-    let failures = report.total.failures() + grid.clone().map(|finding| finding.wrong).sum::<u64>();
+    let grid = report.built_in.grid.iter().filter(|finding| finding.is_native);
+    let failures = findings.iter().map(|finding| finding.total().failures()).sum::<u64>()
+        + grid.clone().map(|finding| finding.wrong).sum::<u64>();
     let told = findings.iter().flat_map(|f| f.failures.iter().map(|failure| (f.peer, failure)));
     let on_grid = grid.flat_map(|f| f.failures.iter().map(|failure| (f.caster, failure)));
     for (peer, failure) in told.take(FAILURES_TOLD) {
@@ -96,7 +101,21 @@ fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
 
 /// Rays about each scene that is built in: a share of the user's scene's, within reason.
 fn built_in_rays(arguments: &Arguments) -> u64 {
-    (arguments.rays / 10).clamp(10_000, 100_000)
+    (arguments.rays / 10).clamp(10_000, 50_000)
+}
+
+/// Every kind of ray about the unruly mesh.
+fn survey_unruly(arguments: &Arguments) -> Result<Vec<Finding>> {
+    let (scene, camera) = unruly_scene(arguments.seed);
+    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let source = RaySource::new(&scene, &camera, arguments.seed);
+    let (peers, _) = peers(&scene.triangles)?;
+    let (rays, quiet) = (built_in_rays(arguments), ProgressBar::hidden());
+    Ok(survey(&scene.triangles, &native, &peers, &source, rays, &quiet))
+}
+
+fn by_caster(findings: &[Finding]) -> BTreeMap<&'static str, Tally> {
+    findings.iter().map(|finding| (finding.peer, finding.total())).collect()
 }
 
 /// Every tracer, the native one first, on both integer grids.
@@ -189,6 +208,15 @@ struct Report {
     by_caster_and_kind: BTreeMap<&'static str, BTreeMap<&'static str, Tally>>,
     /// Rays out of a closed mesh, per caster; empty if the mesh is open.
     leaks: Vec<Leaks>,
+    #[serde(flatten)]
+    built_in: BuiltIn,
+}
+
+/// What was found on the scenes that are built in.
+#[derive(Serialize)]
+struct BuiltIn {
+    /// The mesh of slivers, duplicates and overlaps, per caster; not in the totals.
+    unruly: BTreeMap<&'static str, Tally>,
     /// Scenes of small integers, where our bits are demanded, per caster.
     grid: Vec<GridFinding>,
 }
@@ -200,12 +228,12 @@ impl Report {
         arguments: &Arguments,
         findings: &[Finding],
         leaks: Vec<Leaks>,
-        grid: Vec<GridFinding>,
+        built_in: BuiltIn,
     ) -> Self {
         let kinds = |finding: &Finding| -> BTreeMap<&'static str, Tally> {
             Kind::ALL.iter().map(|kind| kind.name()).zip(finding.by_kind.iter().copied()).collect()
         };
-        let by_caster: BTreeMap<_, _> = findings.iter().map(|f| (f.peer, f.total())).collect();
+        let by_caster = by_caster(findings);
         Report {
             scene: scene.into(),
             oracle: oracle.into(),
@@ -219,7 +247,7 @@ impl Report {
             by_caster_and_kind: findings.iter().map(|f| (f.peer, kinds(f))).collect(),
             by_caster,
             leaks,
-            grid,
+            built_in,
         }
     }
 
@@ -246,7 +274,13 @@ impl Report {
         for leaks in &self.leaks {
             let _ = writeln!(text, "{leaks}");
         }
-        for finding in &self.grid {
+        text.push('\n');
+        heading(&mut text, "on the unruly mesh");
+        for (peer, tally) in &self.built_in.unruly {
+            row(&mut text, peer, tally);
+        }
+        text.push('\n');
+        for finding in &self.built_in.grid {
             let _ = writeln!(text, "{finding}");
         }
         text

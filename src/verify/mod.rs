@@ -16,6 +16,7 @@
 //! | [`survey`] | every kind of ray through every pair of casters |
 //! | [`leaks`] | how often a closed mesh lets a ray out |
 //! | [`grid`] | scenes of small integers, on which every bit is demanded |
+//! | [`unruly`] | a mesh of slivers, duplicates, overlaps and the like |
 //! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
 //!
 //! The checks prove themselves at every run of the tests: over twenty deliberate faults, in the data of
@@ -37,6 +38,7 @@ pub mod source;
 pub mod survey;
 pub mod tally;
 pub mod truth;
+pub mod unruly;
 pub mod verdict;
 
 #[cfg(test)]

@@ -21,6 +21,7 @@ pub struct Peer<'a> {
 }
 
 /// What a survey found about one peer.
+#[derive(Debug, Clone)]
 pub struct Finding {
     pub peer: &'static str,
     /// One per kind, in the order of [`Kind::ALL`]; nearest-hit and any-hit queries together.
