@@ -57,8 +57,9 @@
 //! referee settle each difference; what f32 may be forgiven is derived, not guessed.
 //!
 //! **No seam leaks.** Plain Möller–Trumbore in f32 let 2.4 % of the rays through that were aimed at
-//! the seams of a closed cube. Within the bound of its rounding an edge is now decided in f64, with the
-//! same bits for both triangles that share it ([`geometry::moller_trumbore::intersect_seam`]): none.
+//! the seams of a closed cube. Within the bound of its rounding the side of an edge on which a ray
+//! passes is now decided exactly ([`geometry::moller_trumbore::intersect_seam`]): none. In f64, with the
+//! same bits for both triangles of an edge, the signs around a vertex may still contradict each other.
 //!
 //! # What was measured, and what came of it
 //!

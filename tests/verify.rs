@@ -104,3 +104,40 @@ fn a_picture_of_differences_overwrites_nothing_and_has_a_format() {
     assert_eq!(std::fs::read(folder.path().join("a.obj")).expect("a file"), b"v 0 0 0");
     assert!(!folder.path().join("b.png").exists());
 }
+
+#[test]
+fn our_answers_on_the_integer_grid_are_exact_to_the_bit() {
+    let verdicts = verify("scenes/furnace.toml", &["--rays", "1000"]);
+    let grid = verdicts["grid"].as_array().expect("a list");
+    let find = |name: &str| {
+        let is_it = |finding: &&Value| finding["caster"] == name;
+        grid.iter().find(is_it).unwrap_or_else(|| panic!("{name} was not asked"))
+    };
+    for name in ["native", "native single", "brute force"] {
+        // 10,000 rays, asked for the nearest and for any hit.
+        assert_eq!(
+            (&find(name)["queries"], &find(name)["exact"]),
+            (&20_000.into(), &20_000.into())
+        );
+    }
+    for name in ["native plane", "brute force plane"] {
+        assert_eq!(find(name)["wrong"], 0, "{name}");
+        assert!(find(name)["exact"].as_u64() >= Some(10_000), "half of the rays are exact for it");
+    }
+}
+
+#[test]
+fn no_answer_of_ours_is_wrong_on_the_unruly_mesh() {
+    for seed in ["1", "2", "3"] {
+        let verdicts = verify("scenes/furnace.toml", &["--rays", "1000", "--seed", seed]);
+        for name in ["native single", "native plane", "brute force", "brute force plane"] {
+            let tally = &verdicts["unruly"][name];
+            assert!(tally["queries"].as_u64() >= Some(20_000), "{name}: {tally}");
+            assert_eq!((&tally["native_wrong"], &tally["both_wrong"]), (&0.into(), &0.into()));
+        }
+        let total = |what: &str| verdicts["unruly"]["brute force plane"][what].as_u64();
+        assert!(
+            total("tie") > Some(0) && total("touching") > Some(0) && total("precision") > Some(0)
+        );
+    }
+}

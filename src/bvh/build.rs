@@ -122,12 +122,17 @@ impl Node {
         }
     }
 
-    /// The box grows by one ulp on each side, so that a ray that runs exactly in one of its faces
-    /// (a zero in the direction) is strictly inside and no comparison is left to chance.
+    /// The box grows by one ulp of its largest coordinate on each side, so that a ray that runs exactly
+    /// in one of its faces (a zero in the direction) is strictly inside and no comparison is left to
+    /// chance. One ulp of the face itself would not do: next to 0 it is so little that not even the
+    /// largest inverse of a direction takes it beyond t.
     fn set(&mut self, slot: usize, bounds: &Aabb, child: Child) {
+        let largest = (0..3).map(|axis| bounds.min[axis].abs().max(bounds.max[axis].abs()));
+        let ulp = largest.fold(0.0, f32::max) * f32::EPSILON;
         for axis in 0..3 {
-            self.bounds[axis][0][slot] = bounds.min[axis].next_down();
-            self.bounds[axis][1][slot] = bounds.max[axis].next_up();
+            let (min, max) = (bounds.min[axis], bounds.max[axis]);
+            self.bounds[axis][0][slot] = (min - ulp).min(min.next_down());
+            self.bounds[axis][1][slot] = (max + ulp).max(max.next_up());
         }
         self.children[slot] = child;
     }

@@ -7,6 +7,8 @@
 //! but where rounding puts a grazing hit before its own box, or a tie between two triangles.
 
 mod build;
+#[cfg(test)]
+pub(crate) mod mutants;
 mod traverse;
 
 use crate::geometry::{
@@ -274,6 +276,22 @@ mod tests {
             let expected = BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray);
             assert!(expected.is_some());
             assert_eq!(Bvh::<MollerTrumbore>::build(&triangles).nearest(&ray), expected);
+        }
+    }
+
+    #[test]
+    fn a_ray_in_a_face_at_zero_of_a_box_finds_what_touches_it_far_away() {
+        let triangles =
+            [Triangle::new(Vec3::ZERO, Vec3::new(4.0, 2.0, 0.0), Vec3::new(0.0, 0.0, 2.0))];
+        for scale in [1.0, 1e-20, 1e15] {
+            for zero in [0.0, -0.0] {
+                let triangles = triangles.map(|t| Triangle { p: t.p.map(|p| p * scale) });
+                let origin = Vec3::new(0.0, -8.0, 1.0) * scale;
+                let ray = Ray::new(origin, Vec3::new(zero, 1.0, zero));
+                let expected = BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray);
+                assert!(expected.is_some());
+                assert_eq!(Bvh::<MollerTrumbore>::build(&triangles).nearest(&ray), expected);
+            }
         }
     }
 

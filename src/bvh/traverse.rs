@@ -81,6 +81,12 @@ impl<'r, S: Simd> RayLanes<'r, S> {
         }
     }
 
+    /// The ray itself, ending at `t_max`.
+    #[inline(always)]
+    pub(super) fn until(&self, t_max: f32) -> Ray {
+        Ray { t_max, ..*self.ray }
+    }
+
     /// Which of a node's boxes the ray enters at or before `t_max` (as a bit mask), and where, both
     /// scaled by `t_scale`.
     ///
@@ -178,8 +184,9 @@ impl BlockKernel for MollerTrumbore {
         while seams != 0 {
             let lane = seams.trailing_zeros() as usize;
             seams &= seams - 1;
-            let ray = Ray { t_max, ..*ray.ray };
-            if let Some((t, u, v)) = intersect_seam(&ray, &triangles[block.ids[lane].index()]) {
+            if let Some((t, u, v)) =
+                intersect_seam(&ray.until(t_max), &triangles[block.ids[lane].index()])
+            {
                 found(lane, t, u, v);
             }
         }
@@ -195,7 +202,7 @@ impl BlockKernel for Plane {
         triangles: &[Triangle],
         mut found: impl FnMut(usize, f32, f32, f32),
     ) {
-        let ray = Ray { t_max, ..*ray.ray };
+        let ray = ray.until(t_max);
         for (lane, id) in block.ids.iter().enumerate() {
             let Some(triangle) = triangles.get(id.index()) else { break };
             if let Some((t, u, v)) = Plane::intersect(&ray, triangle) {

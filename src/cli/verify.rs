@@ -11,10 +11,13 @@ use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 use crate::scene::{Camera, Description, Scene};
 use crate::verify::bounds::Arithmetic;
+use crate::verify::grid::{Grid, GridFinding};
 use crate::verify::leaks::{Leaks, leaks};
 use crate::verify::rays::{Kind, RaySource};
 use crate::verify::survey::{Finding, Peer, sum, survey};
 use crate::verify::tally::Tally;
+use crate::verify::unruly::unruly_scene;
+use indicatif::ProgressBar;
 use pipeline::PipelineReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -85,23 +88,33 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     bar.finish_and_clear();
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
+    let unruly = survey_unruly(arguments)?;
+    let grid = ask_grids(arguments)?;
+
+    let built_in = BuiltIn { unruly: by_caster(&unruly), grid };
     let verdict = Report {
         pipeline,
-        ..Report::new(&description.title, &oracle, arguments, &findings, leaks)
+        ..Report::new(&description.title, &oracle, arguments, &findings, leaks, built_in)
     };
     let json = arguments.json.as_ref();
     let json = json.map(|path| Output { path: path.clone(), bytes: verdict.to_json() });
     write_all(json.into_iter().chain(picture).collect())?;
     say(&verdict.to_text(&findings));
-    Ok(conclude(&verdict, &findings))
+    Ok(conclude(&verdict, &[findings, unruly].concat()))
 }
 
 /// Prints the failures and decides the exit code: 1 if a tracer of ours was wrong.
 fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
-    let failures = report.total.failures();
+    let grid = report.built_in.grid.iter().filter(|finding| finding.is_native);
+    let failures = findings.iter().map(|finding| finding.total().failures()).sum::<u64>()
+        + grid.clone().map(|finding| finding.wrong).sum::<u64>();
     let told = findings.iter().flat_map(|f| f.failures.iter().map(|failure| (f.peer, failure)));
+    let on_grid = grid.flat_map(|f| f.failures.iter().map(|failure| (f.caster, failure)));
     for (peer, failure) in told.take(FAILURES_TOLD) {
         complain(&format!("\nagainst {peer}:\n{failure}"));
+    }
+    for (caster, failure) in on_grid.take(FAILURES_TOLD) {
+        complain(&format!("\n{caster} on the integer grid:\n{failure}"));
     }
     let summary = report.pipeline.as_ref().map(|pipeline| &pipeline.summary);
     for source in summary.into_iter().flat_map(Summary::sources).take(FAILURES_TOLD) {
@@ -118,6 +131,47 @@ fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
         complain(&format!("error: {unequal} numbers of the pipeline are wrong or unexplained\n"));
     }
     ExitCode::from(1)
+}
+
+/// Rays about each scene that is built in: a share of the user's scene's, within reason.
+fn built_in_rays(arguments: &Arguments) -> u64 {
+    (arguments.rays / 10).clamp(10_000, 50_000)
+}
+
+/// Every kind of ray about the unruly mesh.
+fn survey_unruly(arguments: &Arguments) -> Result<Vec<Finding>> {
+    let (scene, camera) = unruly_scene(arguments.seed);
+    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let source = RaySource::new(&scene, &camera, arguments.seed);
+    let (peers, _) = peers(&scene.triangles)?;
+    let (rays, quiet) = (built_in_rays(arguments), ProgressBar::hidden());
+    Ok(survey(&scene.triangles, &native, &peers, &source, rays, &quiet))
+}
+
+fn by_caster(findings: &[Finding]) -> BTreeMap<&'static str, Tally> {
+    findings.iter().map(|finding| (finding.peer, finding.total())).collect()
+}
+
+/// Every tracer, the native one first, on both integer grids.
+fn ask_grids(arguments: &Arguments) -> Result<Vec<GridFinding>> {
+    let rays = built_in_rays(arguments) / 2;
+    let ask = |grid: Grid| {
+        let (mut casters, _) = peers(&grid.triangles)?;
+        casters.insert(
+            0,
+            Peer {
+                name: "native",
+                caster: Box::new(Bvh::<MollerTrumbore>::build(&grid.triangles)),
+                arithmetic: Arithmetic::MollerTrumbore,
+                is_native: true,
+                single: false,
+            },
+        );
+        Ok(grid.ask(&casters))
+    };
+    let general = ask(Grid::general(rays, arguments.seed))?;
+    let dyadic = ask(Grid::dyadic(rays, arguments.seed))?;
+    Ok(general.into_iter().zip(dyadic).map(|(a, b)| a.and(b)).collect())
 }
 
 /// Everyone to hold the native tracer against, and what is known of the oracle among them.
@@ -191,6 +245,17 @@ struct Report {
     /// With `--diff-image`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pipeline: Option<PipelineReport>,
+    #[serde(flatten)]
+    built_in: BuiltIn,
+}
+
+/// What was found on the scenes that are built in.
+#[derive(Serialize)]
+struct BuiltIn {
+    /// The mesh of slivers, duplicates and overlaps, per caster; not in the totals.
+    unruly: BTreeMap<&'static str, Tally>,
+    /// Scenes of small integers, where our bits are demanded, per caster.
+    grid: Vec<GridFinding>,
 }
 
 impl Report {
@@ -200,11 +265,12 @@ impl Report {
         arguments: &Arguments,
         findings: &[Finding],
         leaks: Vec<Leaks>,
+        built_in: BuiltIn,
     ) -> Self {
         let kinds = |finding: &Finding| -> BTreeMap<&'static str, Tally> {
             Kind::ALL.iter().map(|kind| kind.name()).zip(finding.by_kind.iter().copied()).collect()
         };
-        let by_caster: BTreeMap<_, _> = findings.iter().map(|f| (f.peer, f.total())).collect();
+        let by_caster = by_caster(findings);
         Report {
             scene: scene.into(),
             oracle: oracle.into(),
@@ -219,6 +285,7 @@ impl Report {
             by_caster,
             leaks,
             pipeline: None,
+            built_in,
         }
     }
 
@@ -244,6 +311,15 @@ impl Report {
         row(&mut text, "total", &self.total);
         for leaks in &self.leaks {
             let _ = writeln!(text, "{leaks}");
+        }
+        text.push('\n');
+        heading(&mut text, "on the unruly mesh");
+        for (peer, tally) in &self.built_in.unruly {
+            row(&mut text, peer, tally);
+        }
+        text.push('\n');
+        for finding in &self.built_in.grid {
+            let _ = writeln!(text, "{finding}");
         }
         if let Some(pipeline) = &self.pipeline {
             let _ = write!(text, "\n{pipeline}");

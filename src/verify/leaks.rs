@@ -30,7 +30,7 @@ impl fmt::Display for Leaks {
 /// Counts for the native caster and for every peer; nothing for a mesh that is not closed.
 pub fn leaks(
     triangles: &[Triangle],
-    native: &impl RayCaster,
+    native: &(impl RayCaster + ?Sized),
     peers: &[Peer],
     rays: u64,
     seed: u64,

@@ -21,6 +21,7 @@ pub struct Peer<'a> {
 }
 
 /// What a survey found about one peer.
+#[derive(Debug, Clone)]
 pub struct Finding {
     pub peer: &'static str,
     /// One per kind, in the order of [`Kind::ALL`]; nearest-hit and any-hit queries together.
@@ -128,13 +129,14 @@ impl Chunk {
     }
 }
 
-struct Answers {
-    nearest: Vec<Option<Hit>>,
-    occluded: Vec<bool>,
+/// What one caster says about some rays.
+pub(super) struct Answers {
+    pub nearest: Vec<Option<Hit>>,
+    pub occluded: Vec<bool>,
 }
 
 impl Answers {
-    fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
+    pub fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
         let mut answers = Answers { nearest: Vec::new(), occluded: Vec::new() };
         if single {
             answers.nearest = rays.iter().map(|ray| caster.nearest(ray)).collect();
