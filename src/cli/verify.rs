@@ -240,7 +240,7 @@ struct Report {
     by_caster: BTreeMap<&'static str, Tally>,
     by_kind: BTreeMap<&'static str, Tally>,
     by_caster_and_kind: BTreeMap<&'static str, BTreeMap<&'static str, Tally>>,
-    /// Rays out of a closed mesh, per caster; empty if the mesh is open.
+    /// Rays out of closed meshes, per caster; empty if all of the scene's are open.
     leaks: Vec<Leaks>,
     /// With `--diff-image`.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,7 +1,7 @@
 //! Which triangles share vertices and edges.
 
 use crate::geometry::{Triangle, TriangleId};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// A vertex after welding: corners at exactly the same position are one vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -48,12 +48,55 @@ impl Topology {
         self.half_edges.chunk_by(|a, b| a.0 == b.0).filter(|edge| edge.len() == 1).count()
     }
 
+    /// Triangles that hang together by edges, part by part, of the parts that are closed: each edge
+    /// belongs to an even number of triangles, so that all lines but those through seams cross the
+    /// part an even number of times.
+    pub fn closed_parts(&self) -> Vec<Vec<TriangleId>> {
+        let mut groups = Groups { leader: (0..self.corners.len()).collect() };
+        for mut edge in self.edges() {
+            let first = edge.next().expect("an edge has a triangle");
+            edge.for_each(|half| groups.join(first.triangle, half.triangle));
+        }
+        let mut parts: BTreeMap<usize, Vec<TriangleId>> = BTreeMap::new();
+        for id in (0..self.corners.len() as u32).map(TriangleId) {
+            parts.entry(groups.leader_of(id)).or_default().push(id);
+        }
+        for edge in self.half_edges.chunk_by(|a, b| a.0 == b.0) {
+            if edge.len() % 2 == 1 {
+                parts.remove(&groups.leader_of(edge[0].1.triangle));
+            }
+        }
+        parts.into_values().collect()
+    }
+
     /// Triangles whose three vertices another triangle before them has too.
     pub fn duplicates(&self) -> usize {
         let mut sorted: Vec<[VertexId; 3]> = self.corners.clone();
         sorted.iter_mut().for_each(|corners| corners.sort_unstable());
         sorted.sort_unstable();
         sorted.windows(2).filter(|pair| pair[0] == pair[1]).count()
+    }
+}
+
+/// Triangles that are joined bit by bit (union-find with path halving; Tarjan & van Leeuwen, 1984).
+struct Groups {
+    /// Another triangle of the group, nearer to the one that stands for it, which names itself.
+    leader: Vec<usize>,
+}
+
+impl Groups {
+    fn leader_of(&mut self, id: TriangleId) -> usize {
+        let mut index = id.index();
+        while self.leader[index] != index {
+            self.leader[index] = self.leader[self.leader[index]];
+            index = self.leader[index];
+        }
+        index
+    }
+
+    fn join(&mut self, a: TriangleId, b: TriangleId) {
+        let (a, b) = (self.leader_of(a), self.leader_of(b));
+        self.leader[a.max(b)] = a.min(b);
     }
 }
 
@@ -90,6 +133,30 @@ mod tests {
         assert_eq!((topology.open_edges(), topology.duplicates()), (0, 0));
         triangles.pop();
         assert_eq!(Topology::new(&triangles).open_edges(), 3);
+    }
+
+    #[test]
+    fn a_part_is_closed_whatever_stands_beside_it_or_touches_it_at_a_vertex() {
+        let mut triangles = tetrahedron();
+        let elsewhere = |by: Vec3| tetrahedron().into_iter().map(move |t| t.p.map(|p| p + by));
+        // Open; then closed, with a vertex of the first.
+        triangles.extend(elsewhere(Vec3::ONE).take(3).map(|p| Triangle { p }));
+        triangles.extend(elsewhere(Vec3::X).map(|p| Triangle { p }));
+        let parts = Topology::new(&triangles).closed_parts();
+        let numbers = |range: std::ops::Range<u32>| range.map(TriangleId).collect::<Vec<_>>();
+        assert_eq!(parts, [numbers(0..4), numbers(7..11)]);
+    }
+
+    #[test]
+    fn an_edge_of_four_triangles_closes_and_one_of_three_does_not() {
+        let mut triangles = tetrahedron();
+        // The same after half a turn around the edge along x, which they share.
+        triangles
+            .extend(tetrahedron().iter().map(|t| Triangle { p: t.p.map(|p| -p.with_x(-p.x)) }));
+        assert_eq!(Topology::new(&triangles).closed_parts().iter().map(Vec::len).sum::<usize>(), 8);
+        assert_eq!(Topology::new(&triangles).closed_parts().len(), 1);
+        triangles.push(Triangle::new(Vec3::ZERO, Vec3::X, Vec3::splat(5.0)));
+        assert!(Topology::new(&triangles).closed_parts().is_empty());
     }
 
     #[test]

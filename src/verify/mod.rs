@@ -14,6 +14,7 @@
 //! | [`cross_checked`] | two casters asked at once, in the place of one |
 //! | [`rays`] | rays to ask about, ordinary and nasty |
 //! | [`survey`] | every kind of ray through every pair of casters |
+//! | [`interior`] | points inside of closed meshes of any shape |
 //! | [`leaks`] | how often a closed mesh lets a ray out |
 //! | [`grid`] | scenes of small integers, on which every bit is demanded |
 //! | [`unruly`] | a mesh of slivers, duplicates, overlaps and the like |
@@ -31,6 +32,7 @@ pub mod cross_checked;
 pub mod exact;
 pub mod forms;
 pub mod grid;
+pub mod interior;
 pub mod leaks;
 pub mod rays;
 pub mod referee;

@@ -4,7 +4,7 @@
 //! edges and vertices, planes seen edge-on, zeros and denormals in the direction, origins on surfaces
 //! or far away, intervals that end exactly at a hit, and numbers that are none.
 
-use crate::geometry::{Kernel, MollerTrumbore, Ray, Triangle, TriangleId};
+use crate::geometry::{Kernel, MollerTrumbore, Ray, Triangle};
 use crate::sampling::{
     PointSet, Purpose, Stream, cosine_hemisphere, orthonormal_basis, uniform_triangle,
 };
@@ -243,27 +243,6 @@ impl<'s> RaySource<'s> {
         part[axis] = bad;
         ray
     }
-}
-
-/// How often a closed mesh lets a ray out: rays from inside through its vertices and edges.
-///
-/// Each is aimed from the middle of another triangle of the mesh, so that a closed mesh must be hit.
-pub fn through_seams(triangles: &[Triangle], inside: Vec3, count: u64, seed: u64) -> Vec<Ray> {
-    (0..count)
-        .map(|index| {
-            let stream = Stream::new(seed, Purpose::Verify, u64::MAX - index, PointSet::Random);
-            let [x, y, z, w] = stream.point(0);
-            let [a, b, ..] = stream.point(1);
-            let chosen = (x as f64 * triangles.len() as f64) as usize;
-            let triangle = &triangles[TriangleId(chosen.min(triangles.len() - 1) as u32).index()];
-            let start = (y * 3.0) as usize % 3;
-            let (p, q) = (triangle.p[start], triangle.p[(start + 1) % 3]);
-            // Every fourth at the vertex itself, the others along the edge.
-            let target = if a < 0.25 { p } else { p.lerp(q, b) };
-            let origin = inside.lerp(triangle.centroid(), 0.5 * z * w);
-            Ray::new(origin, target - origin)
-        })
-        .collect()
 }
 
 #[cfg(test)]
