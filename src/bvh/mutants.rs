@@ -4,11 +4,10 @@
 //! Faults of data are put into real SIMD hierarchies. Faults of a comparison or a sign are in a kernel
 //! that is a copy of [`MollerTrumbore`] but for the one line.
 
-use super::traverse::RayLanes;
-use super::{BlockKernel, Bvh, Child, Node, TriangleBlock};
+use super::leaf::{RANK, REACH, WORDS};
+use super::{Bvh, Child, Kind, LeafKernel, Node};
 use crate::geometry::moller_trumbore::{band_scale, determinants, volume};
 use crate::geometry::{Kernel, MollerTrumbore, Ray, RayCaster, Triangle};
-use fearless_simd::Simd;
 use glam::DVec3;
 
 /// A named fault, to be built over any triangles.
@@ -22,35 +21,23 @@ pub const CONTROL: Mutant = Mutant { name: "no fault", build: kernel::<NO_FAULT>
 
 pub const MUTANTS: [Mutant; 22] = [
     Mutant { name: "a box one ulp too small", build: |t| data(t, shrink_a_box) },
-    Mutant { name: "a child dropped", build: |t| data(t, |bvh| *a_child(bvh) = Child::NONE) },
+    Mutant { name: "a child dropped", build: |t| data(t, drop_a_child) },
     Mutant {
         name: "two children's boxes exchanged",
         build: |t| data(t, |bvh| bvh.nodes[0].children.swap(0, 1)),
     },
     Mutant {
         name: "e2 of one triangle negated",
-        build: |t| data(t, |bvh| a_block(bvh).e2.iter_mut().for_each(|e2| e2[0] = -e2[0])),
+        build: |t| data(t, |bvh| (6..9).for_each(|kind| a_word(bvh, kind, |e2| *e2 = -*e2))),
     },
-    Mutant {
-        name: "corners of a block moved by one ulp",
-        build: |t| data(t, |bvh| a_block(bvh).p0[0].iter_mut().for_each(nudge)),
-    },
-    Mutant {
-        name: "edges of a block longer by one ulp",
-        build: |t| data(t, |bvh| a_block(bvh).e1[0].iter_mut().for_each(nudge)),
-    },
+    Mutant { name: "a corner moved by one ulp", build: |t| data(t, |bvh| a_word(bvh, 0, nudge)) },
+    Mutant { name: "an edge longer by one ulp", build: |t| data(t, |bvh| a_word(bvh, 3, nudge)) },
     Mutant {
         name: "the numbers of two triangles exchanged",
-        build: |t| data(t, |bvh| a_block(bvh).ids.swap(0, 1)),
+        build: |t| data(t, |bvh| a_leaf(bvh, RANK).swap(0, 1)),
     },
-    Mutant {
-        name: "no reach, so that a triangle is void",
-        build: |t| data(t, |bvh| a_block(bvh).reach[0] = 0.0),
-    },
-    Mutant {
-        name: "little reach, so that f32 decides seams",
-        build: |t| data(t, |bvh| bvh.blocks.iter_mut().for_each(forget_reach)),
-    },
+    Mutant { name: "a leaf one triangle short", build: |t| data(t, shorten_a_leaf) },
+    Mutant { name: "little reach, so that f32 decides seams", build: |t| data(t, forget_reach) },
     Mutant { name: "u > 0 for u >= 0", build: kernel::<U_OPEN> },
     Mutant { name: "v > 0 for v >= 0", build: kernel::<V_OPEN> },
     Mutant { name: "w > 0 for w >= 0", build: kernel::<W_OPEN> },
@@ -76,35 +63,71 @@ fn kernel<const FAULT: u8>(triangles: &[Triangle]) -> Box<dyn RayCaster + '_> {
     Box::new(Bvh::<Faulty<FAULT>>::build(triangles))
 }
 
-/// A block with at least two triangles; number 0 has none.
-fn a_block<'b>(bvh: &'b mut Bvh) -> &'b mut TriangleBlock {
-    let full = |block: &&mut TriangleBlock| block.ids[1].index() < bvh.triangles.len();
-    bvh.blocks.iter_mut().find(full).expect("a block with two triangles")
+/// Where a leaf with at least two triangles hangs: its node and its slot.
+fn a_place(bvh: &Bvh) -> (usize, usize) {
+    let is_large = |child: &Child| matches!(child.kind(), Kind::Leaf(_, count) if count > 1);
+    let find = |node: &Node| (0..8).find(|&slot| node.has(slot) && is_large(&node.children[slot]));
+    let places = bvh.nodes.iter().enumerate();
+    let mut places = places.filter_map(|(index, node)| find(node).map(|slot| (index, slot)));
+    places.next().expect("a leaf with two triangles")
 }
 
-fn a_child<'b>(bvh: &'b mut Bvh) -> &'b mut Child {
-    &mut bvh.nodes[0].children[0]
+/// The numbers of one kind of such a leaf.
+fn a_leaf<'b>(bvh: &'b mut Bvh, kind: usize) -> &'b mut [f32] {
+    let (node, slot) = a_place(bvh);
+    let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
+    &mut bvh.leaves.words[first * WORDS + kind * count..][..count]
+}
+
+fn a_word(bvh: &mut Bvh, kind: usize, change: impl Fn(&mut f32)) {
+    a_leaf(bvh, kind).iter_mut().for_each(change);
 }
 
 fn nudge(x: &mut f32) {
     *x = x.next_up();
 }
 
-/// Lanes in use keep some: without any, a triangle is void.
-fn forget_reach(block: &mut TriangleBlock) {
-    block.reach.iter_mut().filter(|reach| **reach > 0.0).for_each(|reach| *reach = 1e-30);
+/// The first child's box is emptied, so that it is not there.
+fn drop_a_child(bvh: &mut Bvh) {
+    let node = &mut bvh.nodes[0];
+    for [min, max] in &mut node.bounds {
+        // Still a child, for those that follow it, but nowhere.
+        (min[0], max[0]) = (f32::MAX, f32::MAX);
+    }
 }
 
-/// The box of one block, on every side to one ulp inside of what is in it.
+/// The last triangle is forgotten; its numbers remain where they are.
+fn shorten_a_leaf(bvh: &mut Bvh) {
+    let (node, slot) = a_place(bvh);
+    let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
+    let mut members: Vec<u32> =
+        (0..count).map(|number| bvh.leaf(first, count).id(number).0).collect();
+    members.pop();
+    let start = bvh.leaves.push(bvh.triangles, &members);
+    bvh.nodes[node].children[slot] = Child::leaf(start, members.len());
+}
+
+/// With next to no reach f32 decides what it cannot.
+fn forget_reach(bvh: &mut Bvh) {
+    for node in 0..bvh.nodes.len() {
+        for slot in 0..8 {
+            let child = bvh.nodes[node].children[slot];
+            if let Kind::Leaf(first, count) = child.kind() {
+                let start = first * WORDS + REACH * count;
+                bvh.leaves.words[start..start + count].fill(1e-30);
+            }
+        }
+    }
+}
+
+/// The box of one leaf, on every side to one ulp inside of what is in it.
 fn shrink_a_box(bvh: &mut Bvh) {
-    let is_leaf = |child: &Child| child.0 & Child::BLOCK != 0 && *child != Child::NONE;
-    let node = bvh.nodes.iter_mut().find(|node| node.children.iter().any(is_leaf));
-    let Node { bounds, children } = node.expect("a node with blocks in it");
-    let slot = children.iter().position(is_leaf).expect("a block");
-    let block = &bvh.blocks[(children[slot].0 & !Child::BLOCK) as usize];
-    let inside = block.ids.iter().filter_map(|id| bvh.triangles.get(id.index()));
-    let exact: crate::geometry::bounds::Bounds = inside.flat_map(|triangle| triangle.p).collect();
-    for (axis, [min, max]) in bounds.iter_mut().enumerate() {
+    let (node, slot) = a_place(bvh);
+    let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
+    let leaf = bvh.leaf(first, count);
+    let corners = (0..count).flat_map(|number| leaf.triangle(number).p);
+    let exact: crate::geometry::bounds::Bounds = corners.collect();
+    for (axis, [min, max]) in bvh.nodes[node].bounds.iter_mut().enumerate() {
         min[slot] = exact.min[axis].next_up();
         max[slot] = exact.max[axis].next_down();
     }
@@ -197,23 +220,7 @@ impl<const FAULT: u8> Kernel for Faulty<FAULT> {
     }
 }
 
-impl<const FAULT: u8> BlockKernel for Faulty<FAULT> {
-    fn intersect_block<S: Simd>(
-        ray: &RayLanes<S>,
-        t_max: f32,
-        block: &TriangleBlock,
-        triangles: &[Triangle],
-        mut found: impl FnMut(usize, f32, f32, f32),
-    ) {
-        let ray = ray.until(t_max);
-        for (lane, id) in block.ids.iter().enumerate() {
-            let Some(triangle) = triangles.get(id.index()) else { break };
-            if let Some((t, u, v)) = Self::intersect(&ray, triangle) {
-                found(lane, t, u, v);
-            }
-        }
-    }
-}
+impl<const FAULT: u8> LeafKernel for Faulty<FAULT> {}
 
 mod tests {
     use super::*;

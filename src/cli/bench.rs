@@ -1,6 +1,6 @@
 //! `isolux bench`: rays per second, ours and Embree's, in one run.
 
-use super::{complain, say, warn};
+use super::{progress, say, warn};
 use crate::bench::race::{Engine, Query, Rates, Side, race};
 use crate::bench::rays::Kind;
 use crate::bench::scenes::{BuiltIn, Stage};
@@ -101,7 +101,7 @@ struct Report {
 struct Build {
     scene: String,
     triangles: usize,
-    /// Seconds with all threads, medians.
+    /// Seconds with all threads, built once.
     native_seconds: f64,
     embree_seconds: Option<f64>,
     /// Memory with the triangles.
@@ -140,7 +140,7 @@ fn measure(
         triangles: stage.triangles.len(),
         native_seconds,
         embree_seconds: casters.seconds,
-        native_bytes: native.bytes(),
+        native_bytes: native.bytes() + size_of_val(&stage.triangles[..]),
         embree_bytes: casters.bytes,
     });
     let mut engines = vec![
@@ -148,14 +148,17 @@ fn measure(
         Engine { name: "native batched", side: Side::Native, caster: &native, batched: true },
     ];
     engines.extend(casters.engines());
+    let bar = progress::bar("bench");
+    bar.set_length((Kind::ALL.len() * pools.len()) as u64);
     for kind in Kind::ALL {
         let rays = kind.rays(stage, arguments.rays, arguments.seed);
         for pool in pools {
-            complain(&format!("{} {} {}\n", stage.name, kind.name(), pool.current_num_threads()));
             let outcome = compete(stage, kind, &rays, pool, &engines, arguments.rounds as usize);
             report.results.push(outcome);
+            bar.inc(1);
         }
     }
+    bar.finish_and_clear();
     Ok(())
 }
 
@@ -272,35 +275,51 @@ use alone::{oracle, oracle_casters};
 
 impl Report {
     fn to_text(&self) -> String {
-        let mut text = format!("native against {}; Mrays/s\n\n", self.oracle);
-        for b in &self.builds {
+        let mut text = format!("native against {}\n\n", self.oracle);
+        let _ = writeln!(
+            text,
+            "{:<22} {:>9} {:>10} {:>10} {:>10} {:>10}",
+            "hierarchy", "triangles", "native s", "Embree s", "native MB", "Embree MB"
+        );
+        for build in &self.builds {
             let _ = writeln!(
                 text,
-                "{:<10} {:>9} triangles  native {:>7.3} s {:>7.1} MB   Embree {:>7.3} s {:>7.1} MB",
-                b.scene,
-                b.triangles,
-                b.native_seconds,
-                b.native_bytes as f64 * 1e-6,
-                b.embree_seconds.unwrap_or(f64::NAN),
-                b.embree_bytes.unwrap_or(0) as f64 * 1e-6,
+                "{:<22} {:>9} {:>10.3} {:>10} {:>10.1} {:>10}",
+                build.scene,
+                build.triangles,
+                build.native_seconds,
+                number(build.embree_seconds, 3),
+                build.native_bytes as f64 * 1e-6,
+                number(build.embree_bytes.map(|bytes| bytes as f64 * 1e-6), 1),
             );
         }
-        for r in &self.results {
-            let _ = write!(
+        let _ = writeln!(
+            text,
+            "\n{:<22} {:<10} {:>7} {:>8} {:>8} {:>7} {:>8} {:>7}",
+            "Mrays/s", "rays", "threads", "native", "Embree", "ratio", "robust", "ratio"
+        );
+        for outcome in &self.results {
+            let _ = writeln!(
                 text,
-                "{:<10} {:<11} {} native {:>7.2}  ratio {:>5.2} robust {:>5.2} |",
-                r.scene,
-                r.rays,
-                r.threads,
-                r.native,
-                r.ratio.unwrap_or(f64::NAN),
-                r.ratio_robust.unwrap_or(f64::NAN)
+                "{:<22} {:<10} {:>7} {:>8.2} {:>8} {:>7} {:>8} {:>7}",
+                outcome.scene,
+                outcome.rays,
+                outcome.threads,
+                outcome.native,
+                number(outcome.embree_best, 2),
+                number(outcome.ratio, 2),
+                number(outcome.embree_robust_best, 2),
+                number(outcome.ratio_robust, 2),
             );
-            for e in &r.engines {
-                let _ = write!(text, " {:.2}", e.median);
+            for rates in &outcome.engines {
+                let Rates { engine, median, min, max, .. } = rates;
+                let _ = writeln!(text, "    {engine:<20} {median:>8.2} ({min:.2} to {max:.2})");
             }
-            text.push('\n');
         }
         text
     }
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".into(), |value| format!("{value:.digits$}"))
 }

@@ -8,6 +8,7 @@ mod render;
 mod report;
 mod verify;
 
+use crate::error::Result;
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::process::ExitCode;
@@ -30,18 +31,23 @@ enum Command {
 
 /// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input.
 pub fn run() -> ExitCode {
-    let result = match Cli::parse().command {
-        Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
-        Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
-        Command::Verify(arguments) => verify::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments).map(|()| ExitCode::SUCCESS),
-    };
+    let command = Cli::parse().command;
+    let result = crate::bvh::simd::level().and_then(|_| dispatch(command));
     match result {
         Ok(code) => code,
         Err(error) => {
             complain(&format!("error: {error}\n"));
             ExitCode::from(2)
         }
+    }
+}
+
+fn dispatch(command: Command) -> Result<ExitCode> {
+    match command {
+        Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments).map(|()| ExitCode::SUCCESS),
     }
 }
 

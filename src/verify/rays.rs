@@ -4,10 +4,9 @@
 //! edges and vertices, planes seen edge-on, zeros and denormals in the direction, origins on surfaces
 //! or far away, intervals that end exactly at a hit, and numbers that are none.
 
+use crate::geometry::surface::{Point, Surface};
 use crate::geometry::{Kernel, MollerTrumbore, Ray, Triangle};
-use crate::sampling::{
-    PointSet, Purpose, Stream, cosine_hemisphere, orthonormal_basis, uniform_triangle,
-};
+use crate::sampling::{PointSet, Purpose, Stream, cosine_hemisphere, orthonormal_basis};
 use crate::scene::{Camera, Scene};
 use glam::Vec3;
 
@@ -91,27 +90,17 @@ pub struct RaySource<'s> {
     scene: &'s Scene,
     camera: &'s Camera,
     seed: u64,
-    /// Sums of the triangles' areas, relative to the whole.
-    cumulative_area: Vec<f64>,
+    surface: Surface<'s>,
     center: Vec3,
     size: f32,
 }
 
 impl<'s> RaySource<'s> {
     pub fn new(scene: &'s Scene, camera: &'s Camera, seed: u64) -> Self {
-        let total = scene.area();
-        let mut sum = 0.0;
-        let cumulative_area = scene
-            .triangles
-            .iter()
-            .map(|triangle| {
-                sum += triangle.area() / total;
-                sum
-            })
-            .collect();
         let bounds = scene.bounds();
         let size = bounds.diagonal().length();
-        RaySource { scene, camera, seed, cumulative_area, center: bounds.center(), size }
+        let surface = Surface::new(&scene.triangles);
+        RaySource { scene, camera, seed, surface, center: bounds.center(), size }
     }
 
     /// The ray number `index` of a kind.
@@ -156,22 +145,16 @@ impl<'s> RaySource<'s> {
 
     /// A point of the surfaces, uniform in area.
     fn point(&self, xi: [f32; 4]) -> (&'s Triangle, f32, f32) {
-        let last = self.cumulative_area.len() - 1;
-        let index = self.cumulative_area.partition_point(|&sum| sum <= xi[2] as f64).min(last);
-        let [_, u, v] = uniform_triangle(xi[0], xi[1]);
-        (&self.scene.triangles[index], u, v)
+        let Point { triangle, u, v } = self.surface.point(xi);
+        (triangle, u, v)
     }
 
     fn lifted(&self, xi: [f32; 4]) -> Vec3 {
-        let (triangle, u, v) = self.point(xi);
-        triangle.at(u, v) + triangle.normal() * triangle.ray_offset()
+        self.surface.point(xi).lifted()
     }
 
     fn leaving_surface(&self, a: [f32; 4], b: [f32; 4]) -> Ray {
-        let (triangle, u, v) = self.point(a);
-        let normal = triangle.normal();
-        let origin = triangle.at(u, v) + normal * triangle.ray_offset();
-        Ray::new(origin, cosine_hemisphere(normal, b[0], b[1]))
+        self.surface.point(a).leaving(b[0], b[1])
     }
 
     /// From a point of the surfaces, or from anywhere in and around the scene.

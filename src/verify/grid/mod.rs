@@ -207,13 +207,13 @@ impl Question<'_, '_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::{BlockKernel, Bvh};
+    use crate::bvh::{Bvh, LeafKernel};
     use crate::geometry::{BruteForce, MollerTrumbore, Plane};
     use glam::Vec3;
 
     const RAYS: u64 = 20_000;
 
-    fn ours<K: BlockKernel>(triangles: &[Triangle], arithmetic: Arithmetic) -> Vec<Peer<'_>> {
+    fn ours<K: LeafKernel>(triangles: &[Triangle], arithmetic: Arithmetic) -> Vec<Peer<'_>> {
         let peer =
             |name, caster, single| Peer { name, caster, arithmetic, is_native: true, single };
         vec![

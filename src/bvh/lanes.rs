@@ -1,0 +1,115 @@
+//! One ray in all lanes, and its test against eight boxes.
+
+use super::{Node, WIDTH};
+use crate::geometry::Ray;
+use crate::geometry::moller_trumbore::band_scale;
+use fearless_simd::{Simd, f32x8, prelude::*};
+use glam::Vec3;
+
+/// 1 + 2γ₃: how far rounding can put a box's entry behind its exit, or behind a hit inside it (Ize,
+/// *Robust BVH Ray Traversal*, JCGT 2(2), 2013).
+pub const STRETCH: f32 = 1.0 + 6.0 * f32::EPSILON / 2.0;
+
+/// 2⁻⁶⁴: below it directions are lengthened for the box test, to at least 2⁻⁸⁵ for any denormal.
+pub const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
+
+/// A ray with what is computed once for all boxes and triangles.
+#[derive(Debug, Clone, Copy)]
+pub struct PreparedRay {
+    pub ray: Ray,
+    inverse: Vec3,
+    /// Distances to boxes are in units of t times this, 1 but for directions of almost no length.
+    pub t_scale: f32,
+    /// Per axis: which of (min, max) the ray meets first.
+    near: [usize; 3],
+    /// See [`band_scale`].
+    band_scale: f32,
+}
+
+impl PreparedRay {
+    /// A ray with NaN or infinity in it hits nothing, and is not let near boxes without end.
+    #[inline(always)]
+    pub fn can_hit(ray: &Ray) -> bool {
+        ray.origin.is_finite() && ray.direction.is_finite()
+    }
+
+    #[inline(always)]
+    pub fn new(ray: &Ray) -> Self {
+        // A direction whose reciprocal would overflow is lengthened; a power of two is exact.
+        let t_scale = if ray.direction.abs().max_element() < SHORT { SHORT } else { 1.0 };
+        // 1/0 becomes the largest finite number of that sign: products with it may overflow to ±∞,
+        // but 0·∞, the only source of NaN in a slab test of finite boxes, cannot occur.
+        let lengthened = ray.direction / t_scale;
+        let inverse = lengthened.recip().clamp(Vec3::MIN, Vec3::MAX);
+        PreparedRay {
+            ray: *ray,
+            inverse,
+            t_scale,
+            near: [
+                inverse.x.is_sign_negative() as usize,
+                inverse.y.is_sign_negative() as usize,
+                inverse.z.is_sign_negative() as usize,
+            ],
+            band_scale: band_scale(ray.direction),
+        }
+    }
+}
+
+/// A ray copied into all lanes.
+pub struct RayLanes<'r, S: Simd> {
+    pub simd: S,
+    pub prepared: &'r PreparedRay,
+    pub origin: [f32x8<S>; 3],
+    pub direction: [f32x8<S>; 3],
+    inverse: [f32x8<S>; 3],
+    t_min: f32x8<S>,
+    pub band_scale: f32x8<S>,
+}
+
+impl<'r, S: Simd> RayLanes<'r, S> {
+    #[inline(always)]
+    pub fn new(simd: S, prepared: &'r PreparedRay) -> Self {
+        RayLanes {
+            simd,
+            prepared,
+            origin: splat(simd, prepared.ray.origin),
+            direction: splat(simd, prepared.ray.direction),
+            inverse: splat(simd, prepared.inverse),
+            t_min: f32x8::splat(simd, prepared.ray.t_min * prepared.t_scale),
+            band_scale: f32x8::splat(simd, prepared.band_scale),
+        }
+    }
+
+    /// Which of a node's boxes the ray enters at or before `t_max` (as a bit mask), and where, both
+    /// scaled by `t_scale`.
+    ///
+    /// Stretching the far distance keeps rounding from losing a box that the ray meets.
+    #[inline(always)]
+    pub(super) fn enter(&self, node: &Node, t_max: f32) -> (u64, [f32; WIDTH]) {
+        let [x, y, z] = self.prepared.near;
+        let near = self
+            .slab(node, 0, x)
+            .max(self.slab(node, 1, y))
+            .max(self.slab(node, 2, z).max(self.t_min));
+        let far = self
+            .slab(node, 0, 1 - x)
+            .min(self.slab(node, 1, 1 - y))
+            .min(self.slab(node, 2, 1 - z).min(f32x8::splat(self.simd, t_max)))
+            * f32x8::splat(self.simd, STRETCH);
+        (near.simd_le(far).to_bitmask(), near.into())
+    }
+
+    /// Where the ray crosses eight boxes' planes.
+    #[inline(always)]
+    fn slab(&self, node: &Node, axis: usize, side: usize) -> f32x8<S> {
+        let plane = f32x8::load_array_ref(self.simd, &node.bounds[axis][side & 1]);
+        (plane - self.origin[axis]) * self.inverse[axis]
+    }
+}
+
+// A plain function rather than a closure and `map`: it is inlined whatever the optimiser thinks,
+// and code that is not inlined is not compiled for the instruction set.
+#[inline(always)]
+fn splat<S: Simd>(simd: S, v: Vec3) -> [f32x8<S>; 3] {
+    [f32x8::splat(simd, v.x), f32x8::splat(simd, v.y), f32x8::splat(simd, v.z)]
+}

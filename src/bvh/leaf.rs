@@ -1,0 +1,141 @@
+//! Triangles as leaves hold them: packed without a gap, and loaded eight at a time.
+
+use super::WIDTH;
+use crate::geometry::{Triangle, TriangleId};
+use fearless_simd::{Simd, f32x8, prelude::*};
+
+/// Numbers per triangle: p₀, e₁, e₂ (three each), its reach and the rank of its id.
+pub const WORDS: usize = 11;
+pub const REACH: usize = 9;
+pub const RANK: usize = 10;
+
+/// Leaf after leaf; within a leaf of n triangles the numbers of one kind, n of them, lie together.
+///
+/// So nothing is padded, and eight lanes can be loaded from any leaf: lanes beyond its triangles
+/// hold something else and are masked.
+#[derive(Debug)]
+pub struct Leaves {
+    pub words: Vec<f32>,
+}
+
+impl Leaves {
+    pub fn new() -> Self {
+        Leaves { words: vec![0.0; WIDTH] }
+    }
+
+    /// Adds a leaf and returns the number of its first triangle.
+    pub fn push(&mut self, triangles: &[Triangle], members: &[u32]) -> usize {
+        let first = self.len();
+        self.words.truncate(first * WORDS);
+        let member = |&id: &u32| (&triangles[id as usize], rank_of(TriangleId(id)));
+        for kind in 0..WORDS {
+            self.words.extend(members.iter().map(member).map(|(triangle, rank)| {
+                let (e1, e2) = triangle.edges();
+                match kind {
+                    REACH => triangle.reach(),
+                    RANK => rank,
+                    _ => [triangle.p[0], e1, e2][kind / 3][kind % 3],
+                }
+            }));
+        }
+        self.words.extend([0.0; WIDTH]);
+        first
+    }
+
+    /// Triangles in all leaves.
+    pub fn len(&self) -> usize {
+        (self.words.len() - WIDTH) / WORDS
+    }
+
+    /// The words of a leaf, and the lanes behind them.
+    #[inline(always)]
+    pub fn words_of(&self, first: usize, count: usize) -> &[f32] {
+        &self.words[first * WORDS..(first + count) * WORDS + WIDTH]
+    }
+
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.words[..])
+    }
+}
+
+/// Up to eight triangles.
+#[derive(Clone, Copy)]
+pub struct Leaf<'a> {
+    pub words: &'a [f32],
+    pub count: usize,
+    /// Those of the whole scene.
+    pub triangles: &'a [Triangle],
+}
+
+impl Leaf<'_> {
+    /// p₀, e₁ or e₂ of each triangle.
+    #[inline(always)]
+    pub fn vectors<S: Simd>(&self, simd: S, vector: usize) -> [f32x8<S>; 3] {
+        let kind = 3 * vector;
+        [self.lanes(simd, kind), self.lanes(simd, kind + 1), self.lanes(simd, kind + 2)]
+    }
+
+    #[inline(always)]
+    pub fn reaches<S: Simd>(&self, simd: S) -> f32x8<S> {
+        self.lanes(simd, REACH)
+    }
+
+    /// p₀, e₁ or e₂ of one triangle, in all lanes.
+    #[inline(always)]
+    pub fn vector<S: Simd>(&self, simd: S, vector: usize, number: usize) -> [f32x8<S>; 3] {
+        let kind = 3 * vector;
+        [
+            f32x8::splat(simd, self.word(kind, number)),
+            f32x8::splat(simd, self.word(kind + 1, number)),
+            f32x8::splat(simd, self.word(kind + 2, number)),
+        ]
+    }
+
+    #[inline(always)]
+    pub fn reach(&self, number: usize) -> f32 {
+        self.word(REACH, number)
+    }
+
+    #[inline(always)]
+    pub fn rank(&self, number: usize) -> f32 {
+        self.word(RANK, number)
+    }
+
+    #[inline(always)]
+    pub fn id(&self, number: usize) -> TriangleId {
+        id_of(self.rank(number))
+    }
+
+    pub fn triangle(&self, number: usize) -> &Triangle {
+        &self.triangles[self.id(number).index()]
+    }
+
+    #[inline(always)]
+    fn lanes<S: Simd>(&self, simd: S, kind: usize) -> f32x8<S> {
+        f32x8::from_slice(simd, &self.words[kind * self.count..][..WIDTH])
+    }
+
+    #[inline(always)]
+    fn word(&self, kind: usize, number: usize) -> f32 {
+        self.words[kind * self.count + number]
+    }
+}
+
+/// Added to an id's bits it makes an ordinary number of them. As they are they would be a denormal,
+/// with which some processors compute slowly, and they do lie in lanes that nobody uses.
+const ORDINARY: u32 = 1 << 30;
+
+/// Above the rank of every triangle.
+pub const NO_RANK: f32 = f32::INFINITY;
+
+/// A positive number that grows with the id, so that lanes can compare ids as they compare t.
+#[inline(always)]
+pub fn rank_of(id: TriangleId) -> f32 {
+    f32::from_bits(id.0 | ORDINARY)
+}
+
+/// The id of that rank.
+#[inline(always)]
+pub fn id_of(rank: f32) -> TriangleId {
+    TriangleId(rank.to_bits() & !ORDINARY)
+}

@@ -1,0 +1,199 @@
+//! The intersection kernels on eight lanes: a ray and eight triangles, or eight rays and a triangle.
+
+use super::WIDTH;
+use super::lanes::RayLanes;
+use super::leaf::Leaf;
+use super::packet::Packet;
+use crate::geometry::moller_trumbore::{determinants, intersect_seam};
+use crate::geometry::{Kernel, MollerTrumbore, Plane, Ray};
+use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
+
+/// A kernel that can answer for eight pairs of a ray and a triangle at once: exactly the answers of
+/// [`Kernel::intersect`], which the bodies here give one after the other.
+pub trait LeafKernel: Kernel {
+    /// Calls `found` with (number, t, u, v) for each triangle of the leaf that the ray hits in
+    /// (`t_min`, `t_max`].
+    #[inline(always)]
+    fn intersect_leaf<S: Simd>(
+        ray: &RayLanes<S>,
+        t_max: f32,
+        leaf: Leaf,
+        mut found: impl FnMut(usize, f32, f32, f32),
+    ) {
+        let ray = Ray { t_max, ..ray.prepared.ray };
+        for number in 0..leaf.count {
+            if let Some((t, u, v)) = Self::intersect(&ray, leaf.triangle(number)) {
+                found(number, t, u, v);
+            }
+        }
+    }
+
+    /// Which of the `active` rays hit a triangle of the leaf in (`t_min`, `t_max`], and where.
+    #[inline(always)]
+    fn intersect_packet<S: Simd>(
+        rays: &Packet<S>,
+        active: u64,
+        leaf: Leaf,
+        number: usize,
+    ) -> Met<S> {
+        let none = f32x8::splat(rays.simd, 0.0);
+        let met = Met { lanes: mask32x8::splat(rays.simd, false), t: none, u: none, v: none };
+        met.with(rays.simd, active, |lane| Self::intersect(&rays.ray(lane), leaf.triangle(number)))
+    }
+}
+
+/// The lanes that are hit, and where.
+pub struct Met<S: Simd> {
+    pub lanes: mask32x8<S>,
+    pub t: f32x8<S>,
+    pub u: f32x8<S>,
+    pub v: f32x8<S>,
+}
+
+impl<S: Simd> Met<S> {
+    /// The same with the hits that `intersect` finds in the lanes of `mask`.
+    #[inline(always)]
+    fn with(
+        self,
+        simd: S,
+        mut mask: u64,
+        intersect: impl Fn(usize) -> Option<(f32, f32, f32)>,
+    ) -> Self {
+        let mut lanes = self.lanes.to_bitmask();
+        let mut t: [f32; WIDTH] = self.t.into();
+        let mut u: [f32; WIDTH] = self.u.into();
+        let mut v: [f32; WIDTH] = self.v.into();
+        while mask != 0 {
+            let lane = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            if let Some(hit) = intersect(lane) {
+                (t[lane], u[lane], v[lane]) = hit;
+                lanes |= 1 << lane;
+            }
+        }
+        Met {
+            lanes: mask32x8::from_bitmask(simd, lanes),
+            t: f32x8::load_array(simd, t),
+            u: f32x8::load_array(simd, u),
+            v: f32x8::load_array(simd, v),
+        }
+    }
+}
+
+impl LeafKernel for Plane {}
+
+impl LeafKernel for MollerTrumbore {
+    #[inline(always)]
+    fn intersect_leaf<S: Simd>(
+        ray: &RayLanes<S>,
+        t_max: f32,
+        leaf: Leaf,
+        mut found: impl FnMut(usize, f32, f32, f32),
+    ) {
+        let simd = ray.simd;
+        let pairs = Pairs {
+            origin: ray.origin,
+            direction: ray.direction,
+            p0: leaf.vectors(simd, 0),
+            e1: leaf.vectors(simd, 1),
+            e2: leaf.vectors(simd, 2),
+            reach: leaf.reaches(simd),
+            band_scale: ray.band_scale,
+            t_min: f32x8::splat(simd, ray.prepared.ray.t_min),
+            t_max: f32x8::splat(simd, t_max),
+        };
+        let (met, mut seams) = pairs.intersect(simd, (1 << leaf.count) - 1);
+        let mut mask = met.lanes.to_bitmask();
+        if mask != 0 {
+            let (t, u, v): ([f32; WIDTH], [f32; WIDTH], [f32; WIDTH]) =
+                (met.t.into(), met.u.into(), met.v.into());
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                found(lane, t[lane], u[lane], v[lane]);
+            }
+        }
+        while seams != 0 {
+            let lane = seams.trailing_zeros() as usize;
+            seams &= seams - 1;
+            let ray = Ray { t_max, ..ray.prepared.ray };
+            if let Some((t, u, v)) = intersect_seam(&ray, leaf.triangle(lane)) {
+                found(lane, t, u, v);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn intersect_packet<S: Simd>(
+        rays: &Packet<S>,
+        active: u64,
+        leaf: Leaf,
+        number: usize,
+    ) -> Met<S> {
+        let simd = rays.simd;
+        let pairs = Pairs {
+            origin: rays.origin,
+            direction: rays.direction,
+            p0: leaf.vector(simd, 0, number),
+            e1: leaf.vector(simd, 1, number),
+            e2: leaf.vector(simd, 2, number),
+            reach: f32x8::splat(simd, leaf.reach(number)),
+            band_scale: rays.band_scale,
+            t_min: rays.t_min,
+            t_max: rays.t_max,
+        };
+        let (met, seams) = pairs.intersect(simd, active);
+        if seams == 0 {
+            return met;
+        }
+        met.with(simd, seams, |lane| intersect_seam(&rays.ray(lane), leaf.triangle(number)))
+    }
+}
+
+/// Eight pairs of a ray and a triangle, as [`MollerTrumbore`] takes them.
+struct Pairs<S: Simd> {
+    origin: [f32x8<S>; 3],
+    direction: [f32x8<S>; 3],
+    p0: [f32x8<S>; 3],
+    e1: [f32x8<S>; 3],
+    e2: [f32x8<S>; 3],
+    reach: f32x8<S>,
+    band_scale: f32x8<S>,
+    t_min: f32x8<S>,
+    t_max: f32x8<S>,
+}
+
+impl<S: Simd> Pairs<S> {
+    /// Which of the pairs in `lanes` meet, and which f32 cannot decide: operation for operation
+    /// what [`MollerTrumbore::intersect`](Kernel::intersect) does.
+    #[inline(always)]
+    fn intersect(&self, simd: S, lanes: u64) -> (Met<S>, u64) {
+        let d = determinants(self.origin, self.direction, self.p0, self.e1, self.e2);
+        let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
+        let sign = one.copysign(d.det);
+        let (det, u, v) = (d.det * sign, d.u * sign, d.v * sign);
+        let w = det - u - v;
+        let far = (self.origin[0] - self.p0[0])
+            .abs()
+            .max((self.origin[1] - self.p0[1]).abs())
+            .max((self.origin[2] - self.p0[2]).abs());
+        let band = (far * f32x8::splat(simd, 2.0) + self.reach) * self.reach * self.band_scale;
+        let below = zero - band;
+
+        // If u or v is NaN so is w, and w is compared by itself.
+        let least = u.min(v);
+        let decided = det.simd_gt(band);
+        let possible = least.simd_ge(below) & w.simd_ge(below);
+        let candidates = (possible | !decided).to_bitmask() & lanes;
+        if candidates == 0 {
+            return (Met { lanes: mask32x8::splat(simd, false), t: zero, u, v }, 0);
+        }
+        let inside = decided & least.simd_gt(band) & w.simd_gt(band);
+        let t = d.t * sign / det;
+        // Where products overflow, an infinite t is no hit.
+        let early = t.simd_le(self.t_max.min(f32x8::splat(simd, f32::MAX)));
+        let hit = inside & t.simd_gt(self.t_min) & early & mask32x8::from_bitmask(simd, lanes);
+        let seams = candidates & !inside.to_bitmask();
+        (Met { lanes: hit, t, u: u / det, v: v / det }, seams)
+    }
+}

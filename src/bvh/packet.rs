@@ -1,0 +1,283 @@
+//! Eight rays down the hierarchy together, as long as they stay together.
+//!
+//! A box or a triangle is fetched once for eight rays, and what a processor cannot foresee (is this
+//! box entered?) is decided once for all of them. A ray that is left alone goes on alone (Benthin et
+//! al., *Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the Intel MIC
+//! Architecture*, TVCG 18(9), 2012).
+
+use super::lanes::{PreparedRay, RayLanes, SHORT, STRETCH};
+use super::leaf::{NO_RANK, id_of, rank_of};
+use super::leaf_kernel::{LeafKernel, Met};
+use super::traverse::{Entry, NOTHING, Walk};
+use super::{Bvh, Child, Kind, Node, WIDTH};
+use crate::geometry::{Hit, Ray};
+use fearless_simd::{Simd, f32x8, prelude::*};
+use glam::Vec3;
+
+/// Eight rays, one per lane, and what they have found.
+pub struct Packet<S: Simd> {
+    pub simd: S,
+    pub origin: [f32x8<S>; 3],
+    pub direction: [f32x8<S>; 3],
+    /// See [`PreparedRay`].
+    pub inverse: [f32x8<S>; 3],
+    pub t_scale: f32x8<S>,
+    pub band_scale: f32x8<S>,
+    pub t_min: f32x8<S>,
+    /// The ray's end, or its nearest hit so far.
+    pub t_max: f32x8<S>,
+    pub u: f32x8<S>,
+    pub v: f32x8<S>,
+    /// The rank of the triangle that was hit.
+    pub rank: f32x8<S>,
+}
+
+impl<S: Simd> Packet<S> {
+    #[inline(always)]
+    pub fn new(simd: S, rays: &[Ray; WIDTH]) -> Self {
+        let mut columns = [[0.0; WIDTH]; 8];
+        let mut lane = 0;
+        while lane < WIDTH {
+            let Ray { origin, direction, t_min, t_max } = rays[lane];
+            let [ox, oy, oz] = origin.to_array();
+            let [dx, dy, dz] = direction.to_array();
+            let row = [ox, oy, oz, dx, dy, dz, t_min, t_max];
+            let mut column = 0;
+            while column < row.len() {
+                columns[column][lane] = row[column];
+                column += 1;
+            }
+            lane += 1;
+        }
+        let [ox, oy, oz, dx, dy, dz, t_min, t_max] = columns;
+        let load = |values| f32x8::load_array(simd, values);
+        let direction = [load(dx), load(dy), load(dz)];
+        let longest = direction[0].abs().max(direction[1].abs()).max(direction[2].abs());
+        // As for one ray: see `PreparedRay::new`.
+        let (one, short) = (f32x8::splat(simd, 1.0), f32x8::splat(simd, SHORT));
+        let t_scale = longest.simd_lt(short).select(short, one);
+        let (low, high) = (f32x8::splat(simd, f32::MIN), f32x8::splat(simd, f32::MAX));
+        let inverse = |d: f32x8<S>| (one / (d / t_scale)).max(low).min(high);
+        let zero = f32x8::splat(simd, 0.0);
+        Packet {
+            simd,
+            origin: [load(ox), load(oy), load(oz)],
+            direction,
+            inverse: [inverse(direction[0]), inverse(direction[1]), inverse(direction[2])],
+            t_scale,
+            band_scale: longest * f32x8::splat(simd, 64.0 * f32::EPSILON / 2.0),
+            t_min: load(t_min),
+            t_max: load(t_max),
+            u: zero,
+            v: zero,
+            rank: f32x8::splat(simd, NO_RANK),
+        }
+    }
+
+    /// The ray in a lane, up to its nearest hit so far.
+    #[cold]
+    pub fn ray(&self, lane: usize) -> Ray {
+        let number = |lanes: f32x8<S>| <[f32; WIDTH]>::from(lanes)[lane];
+        let vector = |v: [f32x8<S>; 3]| Vec3::new(number(v[0]), number(v[1]), number(v[2]));
+        Ray {
+            origin: vector(self.origin),
+            direction: vector(self.direction),
+            t_min: number(self.t_min),
+            t_max: number(self.t_max),
+        }
+    }
+
+    /// Keeps what is nearer, or as near and of a lower triangle.
+    /// Of any hit nothing is kept but that there is one.
+    #[inline(always)]
+    pub fn keep<const ANY: bool>(&mut self, rank: f32, met: &Met<S>) {
+        let rank = f32x8::splat(self.simd, rank);
+        if ANY {
+            self.rank = met.lanes.select(rank, self.rank);
+            return;
+        }
+        let as_near = met.t.simd_le(self.t_max) & rank.simd_lt(self.rank);
+        let take = met.lanes & (met.t.simd_lt(self.t_max) | as_near);
+        self.t_max = take.select(met.t, self.t_max);
+        self.u = take.select(met.u, self.u);
+        self.v = take.select(met.v, self.v);
+        self.rank = take.select(rank, self.rank);
+    }
+
+    #[inline(always)]
+    pub fn hits(&self) -> [Option<Hit>; WIDTH] {
+        let rank: [f32; WIDTH] = self.rank.into();
+        let t: [f32; WIDTH] = self.t_max.into();
+        let u: [f32; WIDTH] = self.u.into();
+        let v: [f32; WIDTH] = self.v.into();
+        let mut hits = [None; WIDTH];
+        let mut lane = 0;
+        while lane < WIDTH {
+            if rank[lane] < NO_RANK {
+                let triangle = id_of(rank[lane]);
+                hits[lane] = Some(Hit { triangle, t: t[lane], u: u[lane], v: v[lane] });
+            }
+            lane += 1;
+        }
+        hits
+    }
+
+    /// The rays that have found nothing, as a mask.
+    #[inline(always)]
+    fn searching(&self) -> u64 {
+        self.rank.simd_ge(f32x8::splat(self.simd, NO_RANK)).to_bitmask()
+    }
+
+    /// Which of the `active` rays enter a node's box number `slot`, and where the first of them does.
+    #[inline(always)]
+    fn enter(&self, node: &Node, slot: usize, active: u64) -> (u64, f32) {
+        let simd = self.simd;
+        let mut near = self.t_min * self.t_scale;
+        let mut far = self.t_max * self.t_scale;
+        let mut axis = 0;
+        while axis < 3 {
+            let [min, max] = &node.bounds[axis];
+            let a = (f32x8::splat(simd, min[slot]) - self.origin[axis]) * self.inverse[axis];
+            let b = (f32x8::splat(simd, max[slot]) - self.origin[axis]) * self.inverse[axis];
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+            axis += 1;
+        }
+        let entered = near.simd_le(far * f32x8::splat(simd, STRETCH));
+        let mask = entered.to_bitmask() & active;
+        if mask == 0 {
+            return (0, 0.0);
+        }
+        (mask, entered.select(near, f32x8::splat(simd, f32::INFINITY)).reduce_min())
+    }
+
+    /// The rays that can still find something at `entry` or beyond, as a mask.
+    #[inline(always)]
+    fn reaching(&self, entry: f32) -> u64 {
+        let last = self.t_max * self.t_scale * f32x8::splat(self.simd, STRETCH);
+        last.simd_ge(f32x8::splat(self.simd, entry)).to_bitmask()
+    }
+}
+
+/// A child, the rays that have to visit it (as a mask), and where the first of them enters.
+#[derive(Debug, Clone, Copy)]
+pub struct Group {
+    child: Child,
+    rays: u32,
+    entry: f32,
+}
+
+impl Group {
+    pub const NONE: Group = Group { child: Child::ROOT, rays: 0, entry: 0.0 };
+}
+
+/// The nearest hits of the first `count` of eight rays, or any hits if `ANY`.
+#[inline(always)]
+pub fn together<S: Simd, K: LeafKernel, const ANY: bool>(
+    simd: S,
+    bvh: &Bvh<K>,
+    rays: &[Ray; WIDTH],
+    count: usize,
+    groups: &mut [Group],
+    stack: &mut [Entry],
+) -> [Option<Hit>; WIDTH] {
+    let mut packet = Packet::new(simd, rays);
+    let all = (1 << count) - 1;
+    let mut current = Group { child: Child::ROOT, rays: all as u32, entry: f32::NEG_INFINITY };
+    let mut waiting = 0;
+    loop {
+        let mut active = packet.reaching(current.entry) & current.rays as u64;
+        if ANY {
+            active &= packet.searching();
+        }
+        match active.count_ones() {
+            0 => {}
+            1 => {
+                let lane = active.trailing_zeros() as usize;
+                go_on_alone::<S, K, ANY>(&mut packet, &rays[lane], bvh, lane, current.child, stack);
+            }
+            _ => match current.child.kind() {
+                Kind::Node(index) => {
+                    waiting = push_entered(&packet, bvh, index, active, groups, waiting);
+                }
+                Kind::Leaf(first, count) => {
+                    let leaf = bvh.leaf(first, count);
+                    let mut number = 0;
+                    while number < count {
+                        let met = K::intersect_packet(&packet, active, leaf, number);
+                        if met.lanes.any_true() {
+                            packet.keep::<ANY>(leaf.rank(number), &met);
+                        }
+                        number += 1;
+                    }
+                }
+            },
+        }
+        if waiting == 0 || (ANY && packet.searching() & all == 0) {
+            return packet.hits();
+        }
+        waiting -= 1;
+        current = groups[waiting];
+    }
+}
+
+/// Pushes the children that some ray enters, farthest first, and returns the stack's new height.
+#[inline(always)]
+fn push_entered<S: Simd, K>(
+    packet: &Packet<S>,
+    bvh: &Bvh<K>,
+    index: usize,
+    active: u64,
+    groups: &mut [Group],
+    bottom: usize,
+) -> usize {
+    let node = &bvh.nodes[index];
+    let mut top = bottom;
+    let mut slot = 0;
+    while slot < WIDTH && node.has(slot) {
+        let (rays, entry) = packet.enter(node, slot, active);
+        if rays != 0 {
+            let child = node.children[slot];
+            bvh.prefetch(child);
+            let mut i = top;
+            while i > bottom && groups[i - 1].entry < entry {
+                groups[i] = groups[i - 1];
+                i -= 1;
+            }
+            groups[i] = Group { child, rays: rays as u32, entry };
+            top += 1;
+        }
+        slot += 1;
+    }
+    top
+}
+
+/// One ray of the packet through everything below `child`.
+#[inline(always)]
+fn go_on_alone<S: Simd, K: LeafKernel, const ANY: bool>(
+    packet: &mut Packet<S>,
+    ray: &Ray,
+    bvh: &Bvh<K>,
+    lane: usize,
+    child: Child,
+    stack: &mut [Entry],
+) {
+    let before = packet.hits()[lane];
+    let t_max = <[f32; WIDTH]>::from(packet.t_max)[lane];
+    let nothing = Hit { triangle: NOTHING, t: t_max, u: 0.0, v: 0.0 };
+    let mut walk = Walk { nearest: before.unwrap_or(nothing), current: child, waiting: 0 };
+    let prepared = PreparedRay::new(ray);
+    let lanes = RayLanes::new(packet.simd, &prepared);
+    while walk.step::<S, K, ANY>(&lanes, bvh, stack) {}
+    if walk.hit() != before {
+        let set = |lanes: &mut f32x8<S>, value: f32| {
+            let mut values: [f32; WIDTH] = (*lanes).into();
+            values[lane] = value;
+            *lanes = f32x8::load_array(packet.simd, values);
+        };
+        set(&mut packet.rank, rank_of(walk.nearest.triangle));
+        set(&mut packet.t_max, walk.nearest.t);
+        set(&mut packet.u, walk.nearest.u);
+        set(&mut packet.v, walk.nearest.v);
+    }
+}

@@ -1,0 +1,287 @@
+//! A whole batch down a small hierarchy, node by node (after Barringer & Akenine-Möller, *Dynamic Ray
+//! Stream Traversal*, TOG 33(4), 2014).
+//!
+//! One ray's way through a few boxes is over before the processor has learnt where it leads: nearly
+//! every branch is taken by surprise. Here each node sends the numbers of the rays that enter its
+//! children to their lists, without a branch, and a leaf takes its list eight rays at a time.
+
+use super::lanes::STRETCH;
+use super::leaf::{Leaf, NO_RANK, id_of};
+use super::leaf_kernel::LeafKernel;
+use super::packet::Packet;
+use super::{Bvh, Child, Kind, Node, WIDTH};
+use crate::geometry::{Hit, Ray};
+use fearless_simd::{Simd, f32x8, prelude::*};
+
+/// Rays that go together: all that is known of them fits the first cache.
+const RAYS: usize = 256;
+
+/// The numbers of some rays, as in a [`Packet`], one row per kind.
+#[derive(Debug)]
+struct Rows {
+    origin: [[f32; RAYS]; 3],
+    direction: [[f32; RAYS]; 3],
+    inverse: [[f32; RAYS]; 3],
+    t_scale: [f32; RAYS],
+    band_scale: [f32; RAYS],
+    t_min: [f32; RAYS],
+    t_max: [f32; RAYS],
+    u: [f32; RAYS],
+    v: [f32; RAYS],
+    rank: [f32; RAYS],
+}
+
+/// A child and the rays that enter it: `lists[first..first + count]`.
+#[derive(Debug, Clone, Copy)]
+struct Visit {
+    child: Child,
+    first: usize,
+    count: usize,
+}
+
+/// What a thread needs to trace streams.
+#[derive(Debug)]
+pub struct Stream {
+    rows: Box<Rows>,
+    lists: Vec<u16>,
+    visits: Vec<Visit>,
+}
+
+impl Stream {
+    pub fn new() -> Self {
+        let zeros = [0.0; RAYS];
+        let rows = Rows {
+            origin: [zeros; 3],
+            direction: [zeros; 3],
+            inverse: [zeros; 3],
+            t_scale: zeros,
+            band_scale: zeros,
+            t_min: zeros,
+            t_max: zeros,
+            u: zeros,
+            v: zeros,
+            rank: zeros,
+        };
+        Stream { rows: Box::new(rows), lists: vec![0; RAYS], visits: Vec::new() }
+    }
+
+    /// Calls `finish` with the number of each of the rays `which` and its nearest hit, or any if `ANY`.
+    #[inline(always)]
+    pub fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
+        &mut self,
+        simd: S,
+        bvh: &Bvh<K>,
+        rays: &[Ray],
+        which: &[u32],
+        finish: &mut impl FnMut(usize, Option<Hit>),
+    ) {
+        for which in which.chunks(RAYS) {
+            self.rows.fill(simd, rays, which);
+            for (ray, entry) in self.lists[..which.len()].iter_mut().enumerate() {
+                *entry = ray as u16;
+            }
+            self.visits.push(Visit { child: Child::ROOT, first: 0, count: which.len() });
+            while let Some(visit) = self.visits.pop() {
+                self.visit::<S, K, ANY>(simd, bvh, visit);
+            }
+            for (ray, &index) in which.iter().enumerate() {
+                finish(index as usize, self.rows.hit(ray));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn visit<S: Simd, K: LeafKernel, const ANY: bool>(
+        &mut self,
+        simd: S,
+        bvh: &Bvh<K>,
+        visit: Visit,
+    ) {
+        let Visit { child, first, mut count } = visit;
+        if ANY {
+            count = self.rows.still_searching(&mut self.lists[first..first + count]);
+        }
+        match child.kind() {
+            Kind::Node(index) => self.divide(simd, &bvh.nodes[index], first, count),
+            Kind::Leaf(start, length) => {
+                let leaf = bvh.leaf(start, length);
+                self.rows.intersect::<S, K, ANY>(simd, leaf, &self.lists[first..first + count]);
+            }
+        }
+    }
+
+    /// Sends each ray of a list on to the children that it enters.
+    ///
+    /// Their lists follow behind. The last of them is visited first, so that lists which it leaves
+    /// behind itself are not needed any more.
+    #[inline(always)]
+    fn divide<S: Simd>(&mut self, simd: S, node: &Node, first: usize, count: usize) {
+        let base = first + count;
+        if self.lists.len() < base + WIDTH * count {
+            self.lists.resize(base + WIDTH * count, 0);
+        }
+        let (own, others) = self.lists.split_at_mut(base);
+        let others = &mut others[..WIDTH * count];
+        let mut lengths = [0; WIDTH];
+        for &ray in &own[first..] {
+            let mask = self.rows.enter(simd, node, ray as usize % RAYS);
+            let mut slot = 0;
+            while slot < WIDTH {
+                // Written in any case, and kept if the ray enters.
+                others[slot * count + lengths[slot]] = ray;
+                lengths[slot] += (mask >> slot & 1) as usize;
+                slot += 1;
+            }
+        }
+        for (slot, &length) in lengths.iter().enumerate() {
+            if node.has(slot) && length > 0 {
+                let (child, first) = (node.children[slot], base + slot * count);
+                self.visits.push(Visit { child, first, count: length });
+            }
+        }
+    }
+}
+
+impl Rows {
+    #[inline(always)]
+    fn fill<S: Simd>(&mut self, simd: S, rays: &[Ray], which: &[u32]) {
+        for (part, which) in which.chunks(WIDTH).enumerate() {
+            let mut eight = [rays[which[0] as usize]; WIDTH];
+            for (ray, &index) in eight.iter_mut().zip(which) {
+                *ray = rays[index as usize];
+            }
+            let packet = Packet::new(simd, &eight);
+            let at = part * WIDTH..(part + 1) * WIDTH;
+            let mut axis = 0;
+            while axis < 3 {
+                packet.origin[axis].store_slice(&mut self.origin[axis][at.clone()]);
+                packet.direction[axis].store_slice(&mut self.direction[axis][at.clone()]);
+                packet.inverse[axis].store_slice(&mut self.inverse[axis][at.clone()]);
+                axis += 1;
+            }
+            packet.t_scale.store_slice(&mut self.t_scale[at.clone()]);
+            packet.band_scale.store_slice(&mut self.band_scale[at.clone()]);
+            packet.t_min.store_slice(&mut self.t_min[at.clone()]);
+            packet.t_max.store_slice(&mut self.t_max[at.clone()]);
+            self.rank[at].fill(NO_RANK);
+        }
+    }
+
+    /// Which of a node's boxes a ray enters; anything for those that are not there.
+    #[inline(always)]
+    fn enter<S: Simd>(&self, simd: S, node: &Node, ray: usize) -> u64 {
+        let t_scale = self.t_scale[ray];
+        let mut near = f32x8::splat(simd, self.t_min[ray] * t_scale);
+        let mut far = f32x8::splat(simd, self.t_max[ray] * t_scale);
+        let mut axis = 0;
+        while axis < 3 {
+            let origin = f32x8::splat(simd, self.origin[axis][ray]);
+            let inverse = f32x8::splat(simd, self.inverse[axis][ray]);
+            let [min, max] = &node.bounds[axis];
+            let a = (f32x8::load_array_ref(simd, min) - origin) * inverse;
+            let b = (f32x8::load_array_ref(simd, max) - origin) * inverse;
+            near = near.max(a.min(b));
+            far = far.min(a.max(b));
+            axis += 1;
+        }
+        near.simd_le(far * f32x8::splat(simd, STRETCH)).to_bitmask()
+    }
+
+    /// Asks the rays of a list about each triangle of a leaf.
+    #[inline(always)]
+    fn intersect<S: Simd, K: LeafKernel, const ANY: bool>(
+        &mut self,
+        simd: S,
+        leaf: Leaf,
+        list: &[u16],
+    ) {
+        for part in list.chunks(WIDTH) {
+            let mut eight = [part[0]; WIDTH];
+            eight[..part.len()].copy_from_slice(part);
+            let mut packet = self.gather(simd, &eight);
+            let active = (1 << part.len()) - 1;
+            let mut any = false;
+            let mut number = 0;
+            while number < leaf.count {
+                let met = K::intersect_packet(&packet, active, leaf, number);
+                if met.lanes.any_true() {
+                    packet.keep::<ANY>(leaf.rank(number), &met);
+                    any = true;
+                }
+                number += 1;
+            }
+            if any {
+                self.scatter::<S, ANY>(&packet, part);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn gather<S: Simd>(&self, simd: S, list: &[u16; WIDTH]) -> Packet<S> {
+        let row = |row: &[f32; RAYS]| f32x8::load_array(simd, pick(row, list));
+        let rows = |r: &[[f32; RAYS]; 3]| [row(&r[0]), row(&r[1]), row(&r[2])];
+        let unused = f32x8::splat(simd, 0.0);
+        Packet {
+            simd,
+            origin: rows(&self.origin),
+            direction: rows(&self.direction),
+            inverse: [unused; 3],
+            t_scale: unused,
+            band_scale: row(&self.band_scale),
+            t_min: row(&self.t_min),
+            t_max: row(&self.t_max),
+            u: row(&self.u),
+            v: row(&self.v),
+            rank: row(&self.rank),
+        }
+    }
+
+    #[inline(always)]
+    fn scatter<S: Simd, const ANY: bool>(&mut self, packet: &Packet<S>, list: &[u16]) {
+        let t: [f32; WIDTH] = packet.t_max.into();
+        let u: [f32; WIDTH] = packet.u.into();
+        let v: [f32; WIDTH] = packet.v.into();
+        let rank: [f32; WIDTH] = packet.rank.into();
+        for (lane, &ray) in list.iter().enumerate() {
+            let ray = ray as usize % RAYS;
+            self.rank[ray] = rank[lane];
+            if !ANY {
+                self.t_max[ray] = t[lane];
+                self.u[ray] = u[lane];
+                self.v[ray] = v[lane];
+            }
+        }
+    }
+
+    /// Moves the rays that have found nothing to a list's front, and counts them.
+    #[inline(always)]
+    fn still_searching(&self, list: &mut [u16]) -> usize {
+        let mut kept = 0;
+        for i in 0..list.len() {
+            let ray = list[i];
+            list[kept] = ray;
+            kept += (self.rank[ray as usize % RAYS] == NO_RANK) as usize;
+        }
+        kept
+    }
+
+    #[inline(always)]
+    fn hit(&self, ray: usize) -> Option<Hit> {
+        if self.rank[ray] == NO_RANK {
+            return None;
+        }
+        let triangle = id_of(self.rank[ray]);
+        Some(Hit { triangle, t: self.t_max[ray], u: self.u[ray], v: self.v[ray] })
+    }
+}
+
+#[inline(always)]
+fn pick(row: &[f32; RAYS], list: &[u16; WIDTH]) -> [f32; WIDTH] {
+    let mut picked = [0.0; WIDTH];
+    let mut lane = 0;
+    while lane < WIDTH {
+        picked[lane] = row[list[lane] as usize % RAYS];
+        lane += 1;
+    }
+    picked
+}

@@ -1,0 +1,173 @@
+//! Every way to trace against brute force.
+
+use super::*;
+use crate::geometry::{BruteForce, Plane};
+use crate::sampling::{PointSet, Purpose, Stream};
+use glam::Vec3;
+
+/// Triangles of all sizes, slivers and exact duplicates among them.
+fn soup(count: u32, seed: u64) -> Vec<Triangle> {
+    let stream = Stream::new(seed, Purpose::Pair, 0, PointSet::Random);
+    let vector = |i: u32| {
+        let [x, y, z, _] = stream.point(i);
+        Vec3::new(x, y, z) * 2.0 - 1.0
+    };
+    let mut triangles: Vec<Triangle> = (0..count)
+        .map(|i| {
+            let size = 10f32.powf(-3.0 * stream.point(4 * i)[3]);
+            let p = vector(4 * i);
+            let sliver = if i % 5 == 0 { 1e-4 } else { 1.0 };
+            let (e1, e2) = (vector(4 * i + 1) * size, vector(4 * i + 2) * size * sliver);
+            Triangle::new(p, p + e1, p + e2)
+        })
+        .collect();
+    let copies: Vec<Triangle> = triangles.iter().step_by(7).copied().collect();
+    triangles.extend(copies);
+    triangles
+}
+
+fn rays(count: u32, seed: u64, triangles: &[Triangle]) -> Vec<Ray> {
+    let stream = Stream::new(seed, Purpose::Pixel, 1, PointSet::Random);
+    (0..count)
+        .map(|i| {
+            let [x, y, z, w] = stream.point(2 * i);
+            let [a, b, c, _] = stream.point(2 * i + 1);
+            let origin = Vec3::new(x, y, z) * 4.0 - 2.0;
+            let direction = match i % 4 {
+                // Along an axis: zero components and boxes met face-on.
+                0 => [Vec3::X, Vec3::NEG_Y, Vec3::Z][i as usize / 4 % 3],
+                // Through a vertex and through an edge.
+                1 => triangles[i as usize % triangles.len()].p[i as usize / 4 % 3] - origin,
+                2 => triangles[i as usize % triangles.len()].at(a, 0.0) - origin,
+                _ => Vec3::new(a, b, c) - 0.5,
+            };
+            let t_max = if w < 0.5 { f32::INFINITY } else { 4.0 * w };
+            Ray { t_max, ..Ray::new(origin, direction) }
+        })
+        .collect()
+}
+
+fn assert_same_as_brute_force<K: LeafKernel>(triangles: &[Triangle], rays: &[Ray]) {
+    let brute = BruteForce::<K>::new(triangles);
+    let bvh = Bvh::<K>::build(triangles);
+    let (mut hits, mut blocked) = (Vec::new(), Vec::new());
+    bvh.nearest_batch(rays, &mut hits);
+    bvh.occluded_batch(rays, &mut blocked);
+    for (i, ray) in rays.iter().enumerate() {
+        let expected = brute.nearest(ray);
+        assert_same_hit(bvh.nearest(ray), expected, triangles, || format!("ray {i}: {ray:?}"));
+        assert_eq!(hits[i], bvh.nearest(ray), "batched ray {i}: {ray:?}");
+        assert_eq!(bvh.occluded(ray), expected.is_some(), "ray {i}: {ray:?}");
+        assert_eq!(blocked[i], expected.is_some(), "batched ray {i}: {ray:?}");
+    }
+}
+
+/// The same bits; of exact copies of a triangle any may be named, since a kernel's t of a
+/// grazing hit can lie so far before the triangle's box that the copy is not visited any more.
+fn assert_same_hit(
+    answer: Option<Hit>,
+    expected: Option<Hit>,
+    triangles: &[Triangle],
+    ray: impl Fn() -> String,
+) {
+    let shape = |hit: Hit| (triangles[hit.triangle.index()], hit.t, hit.u, hit.v);
+    assert_eq!(answer.map(shape), expected.map(shape), "{}", ray());
+}
+
+#[test]
+fn every_answer_is_brute_forces_bit_for_bit() {
+    for (count, seed) in [(1, 1), (3, 2), (40, 3), (2000, 4)] {
+        let triangles = soup(count, seed);
+        let rays = rays(3000, seed, &triangles);
+        assert_same_as_brute_force::<MollerTrumbore>(&triangles, &rays);
+        assert_same_as_brute_force::<Plane>(&triangles, &rays);
+    }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_bits() {
+    for (count, seed) in [(40, 8), (500, 9)] {
+        let triangles = soup(count, seed);
+        let rays = rays(4000, 9, &triangles);
+        let answers = |level| {
+            let bvh = Bvh::<MollerTrumbore>::build_for(&triangles, level);
+            let (mut hits, mut blocked) = (Vec::new(), Vec::new());
+            bvh.nearest_batch(&rays, &mut hits);
+            bvh.occluded_batch(&rays, &mut blocked);
+            (hits, blocked)
+        };
+        let best = answers(Level::new());
+        assert!(best.0.iter().flatten().count() > 1000, "the rays must hit something");
+        for name in ["portable", "avx2", "avx512"] {
+            if let Ok(level) = simd::level_of(name) {
+                assert_eq!(best, answers(level), "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rays_that_stay_together_are_answered_as_if_they_were_alone() {
+    for (count, seed) in [(500, 6), (5000, 7)] {
+        let triangles = soup(count, seed);
+        let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+        let beam = |i: u32| {
+            let eye = Vec3::new(-3.0, 0.1 * (i / 64 % 8) as f32, 0.2);
+            let across = Vec3::new(0.0, (i % 8) as f32 * 0.02, (i / 8) as f32 * 0.005 - 0.4);
+            Ray::new(eye, Vec3::X + across)
+        };
+        // Not a multiple of eight, with a broken ray among them.
+        let mut rays: Vec<Ray> = (0..1021).map(beam).collect();
+        rays[77].direction.x = f32::NAN;
+        let (mut hits, mut blocked) = (Vec::new(), Vec::new());
+        bvh.nearest_batch(&rays, &mut hits);
+        bvh.occluded_batch(&rays, &mut blocked);
+        assert!(hits.iter().flatten().count() > 50, "the rays must hit something");
+        for (i, ray) in rays.iter().enumerate() {
+            assert_eq!(hits[i], bvh.nearest(ray), "ray {i}: {ray:?}");
+            assert_eq!(blocked[i], bvh.occluded(ray), "ray {i}: {ray:?}");
+        }
+    }
+}
+
+#[test]
+fn a_ray_in_a_face_of_a_box_still_finds_what_touches_it() {
+    // The triangle's box ends exactly where the ray runs, with zeros in the direction.
+    let triangles = [Triangle::new(Vec3::ZERO, Vec3::X, Vec3::new(0.0, 1.0, 1.0))];
+    for (origin, direction) in
+        [(Vec3::new(0.5, 0.0, 1.0), Vec3::NEG_Z), (Vec3::new(0.0, 0.5, 2.0), Vec3::NEG_Z)]
+    {
+        let ray = Ray::new(origin, direction);
+        let expected = BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray);
+        assert!(expected.is_some());
+        assert_eq!(Bvh::<MollerTrumbore>::build(&triangles).nearest(&ray), expected);
+    }
+}
+
+#[test]
+fn a_ray_in_a_face_at_zero_of_a_box_finds_what_touches_it_far_away() {
+    let triangles = [Triangle::new(Vec3::ZERO, Vec3::new(4.0, 2.0, 0.0), Vec3::new(0.0, 0.0, 2.0))];
+    for scale in [1.0, 1e-20, 1e15] {
+        for zero in [0.0, -0.0] {
+            let triangles = triangles.map(|t| Triangle { p: t.p.map(|p| p * scale) });
+            let origin = Vec3::new(0.0, -8.0, 1.0) * scale;
+            let ray = Ray::new(origin, Vec3::new(zero, 1.0, zero));
+            let expected = BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray);
+            assert!(expected.is_some());
+            assert_eq!(Bvh::<MollerTrumbore>::build(&triangles).nearest(&ray), expected);
+        }
+    }
+}
+
+#[test]
+fn an_empty_scene_and_broken_rays_hit_nothing() {
+    let ray = Ray::new(Vec3::ZERO, Vec3::X);
+    assert_eq!(Bvh::<MollerTrumbore>::build(&[]).nearest(&ray), None);
+    let triangles = soup(100, 5);
+    let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+    for bad in [f32::NAN, f32::INFINITY] {
+        assert_eq!(bvh.nearest(&Ray::new(Vec3::splat(bad), Vec3::X)), None);
+        assert_eq!(bvh.nearest(&Ray::new(Vec3::ZERO, Vec3::splat(bad))), None);
+    }
+    assert_eq!(bvh.nearest(&Ray::new(Vec3::ZERO, Vec3::ZERO)), None);
+}
