@@ -21,7 +21,7 @@
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`render`], [`export`] | flat and smooth pictures, exposure; files that appear whole |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
-//! | 9 | [`bench`] | rays per second beside Embree's, on scenes made in memory |
+//! | 9 | [`mod@bench`] | rays per second beside Embree's, on scenes made in memory |
 //! | 10 | [`cli`] | one file per subcommand |
 //!
 //! Lower layers never name higher ones.

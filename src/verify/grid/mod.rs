@@ -6,7 +6,7 @@
 //! w at most 3·2¹⁷ < 2²⁴: exact in f32, however they are grouped. The band in which
 //! [`MollerTrumbore`](crate::geometry::MollerTrumbore) leaves the decision to f64 is at most
 //! (2·32 + 16)·16·32·2⁻¹⁸ < 1, so it holds zeros alone. What is left is one division each for t, u and v,
-//! whose correctly rounded quotients [`expected`] has.
+//! whose correctly rounded quotients `expected` has.
 //!
 //! [`Plane`](crate::geometry::Plane) rounds t before it goes on, so it is demanded only of grids on
 //! which t is an integer: those of [`Grid::dyadic`]. There n has components 0 and ±2ᵏ alone, d has
