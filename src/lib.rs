@@ -95,7 +95,7 @@
 //! (the same within noise); huge pages; leaves before nodes, or large boxes first, for any-hit rays;
 //! packets for incoherent rays (5.3 instead of 6.8 in the room).
 //!
-//! //! [`RayCaster`]: geometry::RayCaster
+//! [`RayCaster`]: geometry::RayCaster
 
 pub mod bench;
 pub mod bvh;

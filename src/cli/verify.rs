@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Above so many triangles brute force is too slow to be asked.
-const BRUTE_FORCE_TRIANGLES: usize = 2000;
+const BRUTE_FORCE_TRIANGLES: usize = 1000;
 
 /// Wrong answers that are printed as source for a test: enough to begin with.
 const FAILURES_TOLD: usize = 4;
