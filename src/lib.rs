@@ -84,10 +84,9 @@
 //! | --- | --- | --- |
 //! | leaves packed without padding, 44 bytes a triangle | less memory, more speed | atrium's hierarchy from 175 to 100 MB; no faster by itself |
 //! | ids made ordinary numbers, where unused lanes load them | nothing | 8 instead of 12 on the Cornell box while they were denormals |
-//! | 16 rays in turns, each asking for its memory before it waits | twice | atrium, incoherent, from 0.35 to 0.75 |
+//! | 8 rays in turns, each asking for its memory before it waits | twice | atrium, incoherent, from 0.35 to 0.7; with 16 a tenth more |
 //! | long thin triangles in several boxes | fewer leaves | atrium, from 15.9 to 7.7 leaves a ray, from 0.75 to 1.0 |
 //! | eight close rays as a packet | twice for the camera | Cornell box from 18 to 54, room from 13 to 27 |
-//! | asking for a packet's children when they are pushed | a little | atrium's camera from 2.8 to 3.7 |
 //! | a small scene node by node | three times | Cornell box, incoherent, from 17 to 24, segments from 19 to 36 |
 //! | a node's cost of 2 triangles instead of 3 | nothing | Cornell box, one by one, from 12 to 17 |
 //!
