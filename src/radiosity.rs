@@ -50,6 +50,18 @@ pub struct Settings {
     pub memory_limit: Option<u64>,
 }
 
+impl Settings {
+    /// About how many rays a solution takes, for each point of an emitter and each sample of a pair too.
+    pub fn expected_rays(&self, mesh: &PatchMesh) -> u64 {
+        let patches = mesh.len() as u64;
+        let of_each = match self.method {
+            Method::Pairs => (patches / 2).saturating_mul(self.samples as u64),
+            Method::Hemisphere => self.samples as u64,
+        };
+        patches.saturating_mul(of_each.saturating_add(self.direct_samples as u64))
+    }
+}
+
 /// Power per channel in watts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Energy {

@@ -1,9 +1,9 @@
 //! One ray in all lanes, and its test against eight boxes.
 
-use super::{Node, WIDTH};
+use super::node::Node;
 use crate::geometry::Ray;
 use crate::geometry::moller_trumbore::band_scale;
-use fearless_simd::{Simd, f32x8, prelude::*};
+use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
 
 /// 1 + 2γ₃: how far rounding can put a box's entry behind its exit, or behind a hit inside it (Ize,
@@ -85,7 +85,7 @@ impl<'r, S: Simd> RayLanes<'r, S> {
     ///
     /// Stretching the far distance keeps rounding from losing a box that the ray meets.
     #[inline(always)]
-    pub(super) fn enter(&self, node: &Node, t_max: f32) -> (u64, [f32; WIDTH]) {
+    pub(super) fn enter(&self, node: &Node, t_max: f32) -> (mask32x8<S>, f32x8<S>) {
         let [x, y, z] = self.prepared.near;
         let near = self
             .slab(node, 0, x)
@@ -96,7 +96,7 @@ impl<'r, S: Simd> RayLanes<'r, S> {
             .min(self.slab(node, 1, 1 - y))
             .min(self.slab(node, 2, 1 - z).min(f32x8::splat(self.simd, t_max)))
             * f32x8::splat(self.simd, STRETCH);
-        (near.simd_le(far).to_bitmask(), near.into())
+        (near.simd_le(far), near)
     }
 
     /// Where the ray crosses eight boxes' planes.

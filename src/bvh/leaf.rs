@@ -3,6 +3,7 @@
 use super::WIDTH;
 use crate::geometry::{Triangle, TriangleId};
 use fearless_simd::{Simd, f32x8, prelude::*};
+use rayon::prelude::*;
 
 /// Numbers per triangle: p₀, e₁, e₂ (three each), its reach and the rank of its id.
 pub const WORDS: usize = 11;
@@ -19,32 +20,27 @@ pub struct Leaves {
 }
 
 impl Leaves {
-    pub fn new() -> Self {
-        Leaves { words: vec![0.0; WIDTH] }
-    }
-
-    /// Adds a leaf and returns the number of its first triangle.
-    pub fn push(&mut self, triangles: &[Triangle], members: &[u32]) -> usize {
-        let first = self.len();
-        self.words.truncate(first * WORDS);
-        let member = |&id: &u32| (&triangles[id as usize], rank_of(TriangleId(id)));
-        for kind in 0..WORDS {
-            self.words.extend(members.iter().map(member).map(|(triangle, rank)| {
-                let (e1, e2) = triangle.edges();
-                match kind {
-                    REACH => triangle.reach(),
-                    RANK => rank,
-                    _ => [triangle.p[0], e1, e2][kind / 3][kind % 3],
-                }
-            }));
+    /// Leaves that hold `counts` of the triangles with these `numbers`, one after the other.
+    pub fn new(triangles: &[Triangle], numbers: &[u32], counts: &[u8]) -> Self {
+        let mut words = vec![0.0; numbers.len() * WORDS + WIDTH];
+        let (mut rest_of_words, mut rest) = (&mut words[..], numbers);
+        let mut parts = Vec::new();
+        for counts in counts.chunks(1024) {
+            let length = counts.iter().map(|&count| count as usize).sum();
+            let (numbers, words);
+            (numbers, rest) = rest.split_at(length);
+            (words, rest_of_words) = rest_of_words.split_at_mut(length * WORDS);
+            parts.push((words, numbers, counts));
         }
-        self.words.extend([0.0; WIDTH]);
-        first
-    }
-
-    /// Triangles in all leaves.
-    pub fn len(&self) -> usize {
-        (self.words.len() - WIDTH) / WORDS
+        parts.into_par_iter().for_each(|(mut words, mut numbers, counts)| {
+            for &count in counts {
+                let (own_words, own_numbers);
+                (own_words, words) = words.split_at_mut(count as usize * WORDS);
+                (own_numbers, numbers) = numbers.split_at(count as usize);
+                fill(own_words, own_numbers, triangles);
+            }
+        });
+        Leaves { words }
     }
 
     /// The words of a leaf, and the lanes behind them.
@@ -55,6 +51,20 @@ impl Leaves {
 
     pub fn bytes(&self) -> usize {
         size_of_val(&self.words[..])
+    }
+}
+
+fn fill(words: &mut [f32], numbers: &[u32], triangles: &[Triangle]) {
+    let count = numbers.len();
+    for (i, &number) in numbers.iter().enumerate() {
+        let triangle = &triangles[number as usize];
+        let (e1, e2) = triangle.edges();
+        let vectors = [triangle.p[0], e1, e2].map(|vector| vector.to_array());
+        for (kind, &word) in vectors.as_flattened().iter().enumerate() {
+            words[kind * count + i] = word;
+        }
+        words[REACH * count + i] = triangle.reach();
+        words[RANK * count + i] = rank_of(TriangleId(number));
     }
 }
 

@@ -11,21 +11,13 @@ use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 /// A kernel that can answer for eight pairs of a ray and a triangle at once: exactly the answers of
 /// [`Kernel::intersect`], which the bodies here give one after the other.
 pub trait LeafKernel: Kernel {
-    /// Calls `found` with (number, t, u, v) for each triangle of the leaf that the ray hits in
-    /// (`t_min`, `t_max`].
+    /// Which of a leaf's triangles the ray hits in (`t_min`, `t_max`], and where.
     #[inline(always)]
-    fn intersect_leaf<S: Simd>(
-        ray: &RayLanes<S>,
-        t_max: f32,
-        leaf: Leaf,
-        mut found: impl FnMut(usize, f32, f32, f32),
-    ) {
-        let ray = Ray { t_max, ..ray.prepared.ray };
-        for number in 0..leaf.count {
-            if let Some((t, u, v)) = Self::intersect(&ray, leaf.triangle(number)) {
-                found(number, t, u, v);
-            }
-        }
+    fn intersect_leaf<S: Simd>(ray: &RayLanes<S>, t_max: f32, leaf: Leaf) -> Met<S> {
+        let all = (1 << leaf.count) - 1;
+        let ray_to_end = Ray { t_max, ..ray.prepared.ray };
+        Met::none(ray.simd)
+            .with(ray.simd, all, |lane| Self::intersect(&ray_to_end, leaf.triangle(lane)))
     }
 
     /// Which of the `active` rays hit a triangle of the leaf in (`t_min`, `t_max`], and where.
@@ -36,21 +28,27 @@ pub trait LeafKernel: Kernel {
         leaf: Leaf,
         number: usize,
     ) -> Met<S> {
-        let none = f32x8::splat(rays.simd, 0.0);
-        let met = Met { lanes: mask32x8::splat(rays.simd, false), t: none, u: none, v: none };
-        met.with(rays.simd, active, |lane| Self::intersect(&rays.ray(lane), leaf.triangle(number)))
+        Met::none(rays.simd)
+            .with(rays.simd, active, |lane| Self::intersect(&rays.ray(lane), leaf.triangle(number)))
     }
 }
 
-/// The lanes that are hit, and where.
+/// The lanes that are hit, and where: u and v are still to be divided by `det`.
 pub struct Met<S: Simd> {
     pub lanes: mask32x8<S>,
     pub t: f32x8<S>,
     pub u: f32x8<S>,
     pub v: f32x8<S>,
+    pub det: f32x8<S>,
 }
 
 impl<S: Simd> Met<S> {
+    #[inline(always)]
+    fn none(simd: S) -> Self {
+        let zero = f32x8::splat(simd, 0.0);
+        Met { lanes: mask32x8::splat(simd, false), t: zero, u: zero, v: zero, det: zero }
+    }
+
     /// The same with the hits that `intersect` finds in the lanes of `mask`.
     #[inline(always)]
     fn with(
@@ -63,11 +61,13 @@ impl<S: Simd> Met<S> {
         let mut t: [f32; WIDTH] = self.t.into();
         let mut u: [f32; WIDTH] = self.u.into();
         let mut v: [f32; WIDTH] = self.v.into();
+        let mut det: [f32; WIDTH] = self.det.into();
         while mask != 0 {
             let lane = mask.trailing_zeros() as usize;
             mask &= mask - 1;
             if let Some(hit) = intersect(lane) {
                 (t[lane], u[lane], v[lane]) = hit;
+                det[lane] = 1.0;
                 lanes |= 1 << lane;
             }
         }
@@ -76,6 +76,7 @@ impl<S: Simd> Met<S> {
             t: f32x8::load_array(simd, t),
             u: f32x8::load_array(simd, u),
             v: f32x8::load_array(simd, v),
+            det: f32x8::load_array(simd, det),
         }
     }
 }
@@ -84,12 +85,7 @@ impl LeafKernel for Plane {}
 
 impl LeafKernel for MollerTrumbore {
     #[inline(always)]
-    fn intersect_leaf<S: Simd>(
-        ray: &RayLanes<S>,
-        t_max: f32,
-        leaf: Leaf,
-        mut found: impl FnMut(usize, f32, f32, f32),
-    ) {
+    fn intersect_leaf<S: Simd>(ray: &RayLanes<S>, t_max: f32, leaf: Leaf) -> Met<S> {
         let simd = ray.simd;
         let pairs = Pairs {
             origin: ray.origin,
@@ -102,25 +98,12 @@ impl LeafKernel for MollerTrumbore {
             t_min: f32x8::splat(simd, ray.prepared.ray.t_min),
             t_max: f32x8::splat(simd, t_max),
         };
-        let (met, mut seams) = pairs.intersect(simd, (1 << leaf.count) - 1);
-        let mut mask = met.lanes.to_bitmask();
-        if mask != 0 {
-            let (t, u, v): ([f32; WIDTH], [f32; WIDTH], [f32; WIDTH]) =
-                (met.t.into(), met.u.into(), met.v.into());
-            while mask != 0 {
-                let lane = mask.trailing_zeros() as usize;
-                mask &= mask - 1;
-                found(lane, t[lane], u[lane], v[lane]);
-            }
+        let (met, seams) = pairs.intersect(simd, (1 << leaf.count) - 1);
+        if seams == 0 {
+            return met;
         }
-        while seams != 0 {
-            let lane = seams.trailing_zeros() as usize;
-            seams &= seams - 1;
-            let ray = Ray { t_max, ..ray.prepared.ray };
-            if let Some((t, u, v)) = intersect_seam(&ray, leaf.triangle(lane)) {
-                found(lane, t, u, v);
-            }
-        }
+        let ray = Ray { t_max, ..ray.prepared.ray };
+        met.with(simd, seams, |lane| intersect_seam(&ray, leaf.triangle(lane)))
     }
 
     #[inline(always)]
@@ -185,15 +168,12 @@ impl<S: Simd> Pairs<S> {
         let decided = det.simd_gt(band);
         let possible = least.simd_ge(below) & w.simd_ge(below);
         let candidates = (possible | !decided).to_bitmask() & lanes;
-        if candidates == 0 {
-            return (Met { lanes: mask32x8::splat(simd, false), t: zero, u, v }, 0);
-        }
         let inside = decided & least.simd_gt(band) & w.simd_gt(band);
         let t = d.t * sign / det;
         // Where products overflow, an infinite t is no hit.
         let early = t.simd_le(self.t_max.min(f32x8::splat(simd, f32::MAX)));
         let hit = inside & t.simd_gt(self.t_min) & early & mask32x8::from_bitmask(simd, lanes);
         let seams = candidates & !inside.to_bitmask();
-        (Met { lanes: hit, t, u: u / det, v: v / det }, seams)
+        (Met { lanes: hit, t, u, v, det }, seams)
     }
 }

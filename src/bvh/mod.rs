@@ -2,10 +2,13 @@
 //!
 //! | file | holds |
 //! | --- | --- |
-//! | `build` | a library's binary tree, collapsed; long thin triangles in several boxes |
+//! | `build` | a library's binary tree, made wide; long thin triangles in several boxes |
+//! | `collapse` | which descendants a node adopts, at the least cost |
+//! | `node` | eight boxes |
 //! | `leaf`, `leaf_kernel` | triangles as leaves hold them; the kernels on eight lanes |
-//! | `lanes`, `traverse` | one ray against eight boxes; its walk, and those of several in turns |
-//! | `packet` | eight rays that stay together |
+//! | `lanes`, `traverse` | one ray against eight boxes; its walk |
+//! | `flights` | many rays, each a step at a time |
+//! | `packet`, `beam` | eight rays that stay together; what contains them |
 //! | `stream` | a batch through a small hierarchy, node by node |
 //! | `batch` | which of these ways a batch takes |
 //! | `simd` | the instruction set |
@@ -16,12 +19,16 @@
 //! a grazing hit before its own box, or a tie between two triangles.
 
 mod batch;
+mod beam;
 mod build;
+mod collapse;
+mod flights;
 mod lanes;
 mod leaf;
 mod leaf_kernel;
 #[cfg(test)]
 pub(crate) mod mutants;
+mod node;
 mod packet;
 pub mod simd;
 mod stream;
@@ -35,29 +42,15 @@ use batch::with_scratch;
 use build::Parts;
 use fearless_simd::{Level, dispatch};
 use leaf::{Leaf, Leaves};
+use node::Node;
+use std::hint::select_unpredictable;
 use std::marker::PhantomData;
 
+pub use build::Effort;
 pub use leaf_kernel::LeafKernel;
 
 /// Children of a node, triangles of a leaf, rays of a packet.
 pub(crate) const WIDTH: usize = 8;
-
-/// Eight children: boxes as `bounds[axis][0 = min, 1 = max][child]`, then what is in them.
-#[repr(align(64))]
-#[derive(Debug, Clone)]
-struct Node {
-    bounds: [[[f32; WIDTH]; 2]; 3],
-    children: [Child; WIDTH],
-}
-
-impl Node {
-    /// Whether there is a child number `slot`; if not, there is none behind it. Its empty box is never
-    /// hit by one ray, but eight rays ask in another way.
-    #[inline(always)]
-    fn has(&self, slot: usize) -> bool {
-        self.bounds[0][0][slot] <= self.bounds[0][1][slot]
-    }
-}
 
 /// A node's number, or a leaf: its first triangle, and their number less one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,6 +68,7 @@ impl Child {
     const ROOT: Child = Child(0);
     const LEAF: u32 = 1 << 31;
     const COUNT_SHIFT: u32 = 28;
+    const FIRST: usize = (1 << Child::COUNT_SHIFT) - 1;
 
     fn node(index: usize) -> Child {
         assert!(index < Child::LEAF as usize, "too many nodes");
@@ -88,13 +82,17 @@ impl Child {
     }
 
     #[inline(always)]
+    fn is_leaf(self) -> bool {
+        self.0 & Child::LEAF != 0
+    }
+
+    #[inline(always)]
     fn kind(self) -> Kind {
-        if self.0 & Child::LEAF == 0 {
+        if !self.is_leaf() {
             return Kind::Node(self.0 as usize);
         }
-        let first = self.0 & ((1 << Child::COUNT_SHIFT) - 1);
         let count = (self.0 >> Child::COUNT_SHIFT & 7) + 1;
-        Kind::Leaf(first as usize, count as usize)
+        Kind::Leaf(self.0 as usize & Child::FIRST, count as usize)
     }
 }
 
@@ -112,23 +110,28 @@ pub struct Bvh<'t, K = MollerTrumbore> {
 }
 
 impl<'t, K: Kernel> Bvh<'t, K> {
-    /// Builds over `triangles`; hits refer to them by index. Any number of them, none included, up to
-    /// 2²⁸ pieces.
+    /// Builds over `triangles`, for about a million rays; hits refer to triangles by index. Any number of
+    /// them, none included, up to 2²⁸ pieces.
     ///
     /// # Panics
     /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see [`simd::level`].
     pub fn build(triangles: &'t [Triangle]) -> Self {
-        let level = simd::level().expect("an instruction set that there is");
-        Self::build_for(triangles, level)
+        Self::build_with(triangles, Effort::for_rays(triangles.len(), 1_000_000))
     }
 
-    fn build_for(triangles: &'t [Triangle], level: Level) -> Self {
-        let Parts { nodes, leaves, depth } = build::build(triangles);
+    /// The same with a given effort, which changes no answer but the time that it takes.
+    pub fn build_with(triangles: &'t [Triangle], effort: Effort) -> Self {
+        let level = simd::level().expect("an instruction set that there is");
+        Self::build_for(triangles, effort, level)
+    }
+
+    fn build_for(triangles: &'t [Triangle], effort: Effort, level: Level) -> Self {
+        let Parts { nodes, leaves, depth } = build::build(triangles, effort);
         let bounds: Bounds = triangles.iter().flat_map(|triangle| triangle.p).collect();
         Bvh {
             nodes,
             leaves,
-            stack: depth * (WIDTH - 1) + WIDTH,
+            stack: depth * (WIDTH - 1) + 2 * WIDTH,
             extent: bounds.diagonal().max_element(),
             triangles,
             level,
@@ -148,32 +151,31 @@ impl<K> Bvh<'_, K> {
         Leaf { words: self.leaves.words_of(first, count), count, triangles: self.triangles }
     }
 
-    /// Asks for a node's or a leaf's memory before it is needed.
+    /// Asks for the memory of a node or a leaf before it is needed, without a branch: a node's four cache
+    /// lines, or the first four of a leaf, which rarely has more.
     #[inline(always)]
     fn prefetch(&self, child: Child) {
-        match child.kind() {
-            Kind::Node(index) => prefetch(std::slice::from_ref(&self.nodes[index])),
-            Kind::Leaf(first, count) => prefetch(self.leaves.words_of(first, count)),
+        let (node, first) = (child.0 as usize, child.0 as usize & Child::FIRST);
+        let node = self.nodes.as_ptr().wrapping_add(node).cast::<i8>();
+        let leaf = self.leaves.words.as_ptr().wrapping_add(first * leaf::WORDS).cast::<i8>();
+        let start = select_unpredictable(child.is_leaf(), leaf, node);
+        for line in 0..4 {
+            prefetch_line(start.wrapping_add(64 * line));
         }
     }
 }
 
-/// Asks for memory before it is needed, where the processor can be told.
+/// Asks for a cache line, where the processor can be told.
 #[inline(always)]
-fn prefetch<T>(values: &[T]) {
+fn prefetch_line(address: *const i8) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let start = values.as_ptr().cast::<i8>();
-        let mut offset = 0;
-        while offset < size_of_val(values) {
-            // SAFETY: every x86-64 has SSE, and a prefetch changes nothing, whatever the address.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(offset)) };
-            offset += 64;
-        }
+        // SAFETY: every x86-64 has SSE, and a prefetch changes nothing, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address) };
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = values;
+    let _ = address;
 }
 
 /// The dispatch is innermost, so that all that it calls is inlined into code for its instruction set.
@@ -221,10 +223,12 @@ pub enum AnyBvh<'t> {
 }
 
 impl<'t> AnyBvh<'t> {
-    pub fn build(triangles: &'t [Triangle], kernel: KernelKind) -> Self {
+    pub fn build(triangles: &'t [Triangle], effort: Effort, kernel: KernelKind) -> Self {
         match kernel {
-            KernelKind::Plane => AnyBvh::Plane(Bvh::build(triangles)),
-            KernelKind::MollerTrumbore => AnyBvh::MollerTrumbore(Bvh::build(triangles)),
+            KernelKind::Plane => AnyBvh::Plane(Bvh::build_with(triangles, effort)),
+            KernelKind::MollerTrumbore => {
+                AnyBvh::MollerTrumbore(Bvh::build_with(triangles, effort))
+            }
         }
     }
 }

@@ -5,7 +5,8 @@
 //! that is a copy of [`MollerTrumbore`] but for the one line.
 
 use super::leaf::{RANK, REACH, WORDS};
-use super::{Bvh, Child, Kind, LeafKernel, Node};
+use super::node::Node;
+use super::{Bvh, Child, Kind, LeafKernel};
 use crate::geometry::moller_trumbore::{band_scale, determinants, volume};
 use crate::geometry::{Kernel, MollerTrumbore, Ray, RayCaster, Triangle};
 use glam::DVec3;
@@ -100,11 +101,13 @@ fn drop_a_child(bvh: &mut Bvh) {
 fn shorten_a_leaf(bvh: &mut Bvh) {
     let (node, slot) = a_place(bvh);
     let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
-    let mut members: Vec<u32> =
-        (0..count).map(|number| bvh.leaf(first, count).id(number).0).collect();
-    members.pop();
-    let start = bvh.leaves.push(bvh.triangles, &members);
-    bvh.nodes[node].children[slot] = Child::leaf(start, members.len());
+    let words = bvh.leaf(first, count).words.to_vec();
+    let short = &mut bvh.leaves.words[first * WORDS..];
+    for kind in 0..WORDS {
+        short[kind * (count - 1)..][..count - 1]
+            .copy_from_slice(&words[kind * count..][..count - 1]);
+    }
+    bvh.nodes[node].children[slot] = Child::leaf(first, count - 1);
 }
 
 /// With next to no reach f32 decides what it cannot.

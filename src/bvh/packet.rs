@@ -5,13 +5,15 @@
 //! al., *Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the Intel MIC
 //! Architecture*, TVCG 18(9), 2012).
 
-use super::lanes::{PreparedRay, RayLanes, SHORT, STRETCH};
+use super::beam::Beam;
+use super::lanes::{SHORT, STRETCH};
 use super::leaf::{NO_RANK, id_of, rank_of};
 use super::leaf_kernel::{LeafKernel, Met};
-use super::traverse::{Entry, NOTHING, Walk};
-use super::{Bvh, Child, Kind, Node, WIDTH};
+use super::node::Node;
+use super::traverse::{Entry, Walk, walk_on};
+use super::{Bvh, Child, Kind, WIDTH};
 use crate::geometry::{Hit, Ray};
-use fearless_simd::{Simd, f32x8, prelude::*};
+use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
 
 /// Eight rays, one per lane, and what they have found.
@@ -19,7 +21,7 @@ pub struct Packet<S: Simd> {
     pub simd: S,
     pub origin: [f32x8<S>; 3],
     pub direction: [f32x8<S>; 3],
-    /// See [`PreparedRay`].
+    /// See [`PreparedRay`](super::lanes::PreparedRay).
     pub inverse: [f32x8<S>; 3],
     pub t_scale: f32x8<S>,
     pub band_scale: f32x8<S>,
@@ -32,27 +34,42 @@ pub struct Packet<S: Simd> {
     pub rank: f32x8<S>,
 }
 
+/// Origin, direction, t_min and t_max of eight rays. Each of three perfect shuffles moves every number's
+/// place by one bit, from the row's three to the column's.
+#[inline(always)]
+pub fn columns<S: Simd>(simd: S, rays: [Ray; WIDTH]) -> [f32x8<S>; 8] {
+    let mut rows = rays.map(|Ray { origin: o, direction: d, t_min, t_max }| {
+        f32x8::load_array(simd, [o.x, o.y, o.z, d.x, d.y, d.z, t_min, t_max])
+    });
+    let mut round = 0;
+    while round < 3 {
+        let [a, b, c, d, e, f, g, h] = rows;
+        let low = [a.zip_low(e), b.zip_low(f), c.zip_low(g), d.zip_low(h)];
+        let high = [a.zip_high(e), b.zip_high(f), c.zip_high(g), d.zip_high(h)];
+        rows = [low[0], high[0], low[1], high[1], low[2], high[2], low[3], high[3]];
+        round += 1;
+    }
+    rows
+}
+
+/// The largest component of eight directions.
+#[inline(always)]
+pub fn longest<S: Simd>(direction: [f32x8<S>; 3]) -> f32x8<S> {
+    direction[0].abs().max(direction[1].abs()).max(direction[2].abs())
+}
+
+/// See [`moller_trumbore::band_scale`](crate::geometry::moller_trumbore::band_scale).
+#[inline(always)]
+pub fn band_scale<S: Simd>(longest: f32x8<S>) -> f32x8<S> {
+    longest * f32x8::splat(longest.simd, 64.0 * f32::EPSILON / 2.0)
+}
+
 impl<S: Simd> Packet<S> {
     #[inline(always)]
     pub fn new(simd: S, rays: &[Ray; WIDTH]) -> Self {
-        let mut columns = [[0.0; WIDTH]; 8];
-        let mut lane = 0;
-        while lane < WIDTH {
-            let Ray { origin, direction, t_min, t_max } = rays[lane];
-            let [ox, oy, oz] = origin.to_array();
-            let [dx, dy, dz] = direction.to_array();
-            let row = [ox, oy, oz, dx, dy, dz, t_min, t_max];
-            let mut column = 0;
-            while column < row.len() {
-                columns[column][lane] = row[column];
-                column += 1;
-            }
-            lane += 1;
-        }
-        let [ox, oy, oz, dx, dy, dz, t_min, t_max] = columns;
-        let load = |values| f32x8::load_array(simd, values);
-        let direction = [load(dx), load(dy), load(dz)];
-        let longest = direction[0].abs().max(direction[1].abs()).max(direction[2].abs());
+        let [ox, oy, oz, dx, dy, dz, t_min, t_max] = columns(simd, *rays);
+        let direction = [dx, dy, dz];
+        let longest = longest(direction);
         // As for one ray: see `PreparedRay::new`.
         let (one, short) = (f32x8::splat(simd, 1.0), f32x8::splat(simd, SHORT));
         let t_scale = longest.simd_lt(short).select(short, one);
@@ -61,13 +78,13 @@ impl<S: Simd> Packet<S> {
         let zero = f32x8::splat(simd, 0.0);
         Packet {
             simd,
-            origin: [load(ox), load(oy), load(oz)],
+            origin: [ox, oy, oz],
             direction,
             inverse: [inverse(direction[0]), inverse(direction[1]), inverse(direction[2])],
             t_scale,
-            band_scale: longest * f32x8::splat(simd, 64.0 * f32::EPSILON / 2.0),
-            t_min: load(t_min),
-            t_max: load(t_max),
+            band_scale: band_scale(longest),
+            t_min,
+            t_max,
             u: zero,
             v: zero,
             rank: f32x8::splat(simd, NO_RANK),
@@ -99,8 +116,8 @@ impl<S: Simd> Packet<S> {
         let as_near = met.t.simd_le(self.t_max) & rank.simd_lt(self.rank);
         let take = met.lanes & (met.t.simd_lt(self.t_max) | as_near);
         self.t_max = take.select(met.t, self.t_max);
-        self.u = take.select(met.u, self.u);
-        self.v = take.select(met.v, self.v);
+        self.u = take.select(met.u / met.det, self.u);
+        self.v = take.select(met.v / met.det, self.v);
         self.rank = take.select(rank, self.rank);
     }
 
@@ -128,9 +145,9 @@ impl<S: Simd> Packet<S> {
         self.rank.simd_ge(f32x8::splat(self.simd, NO_RANK)).to_bitmask()
     }
 
-    /// Which of the `active` rays enter a node's box number `slot`, and where the first of them does.
+    /// Which of the `active` rays enter a node's box number `slot`.
     #[inline(always)]
-    fn enter(&self, node: &Node, slot: usize, active: u64) -> (u64, f32) {
+    fn enter(&self, node: &Node, slot: usize) -> (mask32x8<S>, f32x8<S>) {
         let simd = self.simd;
         let mut near = self.t_min * self.t_scale;
         let mut far = self.t_max * self.t_scale;
@@ -143,12 +160,7 @@ impl<S: Simd> Packet<S> {
             far = far.min(a.max(b));
             axis += 1;
         }
-        let entered = near.simd_le(far * f32x8::splat(simd, STRETCH));
-        let mask = entered.to_bitmask() & active;
-        if mask == 0 {
-            return (0, 0.0);
-        }
-        (mask, entered.select(near, f32x8::splat(simd, f32::INFINITY)).reduce_min())
+        (near.simd_le(far * f32x8::splat(simd, STRETCH)), near)
     }
 
     /// The rays that can still find something at `entry` or beyond, as a mask.
@@ -158,6 +170,9 @@ impl<S: Simd> Packet<S> {
         last.simd_ge(f32x8::splat(self.simd, entry)).to_bitmask()
     }
 }
+
+/// From this node on a packet knows its [`Beam`]: before, that does not pay.
+const WAY: u32 = 6;
 
 /// A child, the rays that have to visit it (as a mask), and where the first of them enters.
 #[derive(Debug, Clone, Copy)]
@@ -182,6 +197,8 @@ pub fn together<S: Simd, K: LeafKernel, const ANY: bool>(
     stack: &mut [Entry],
 ) -> [Option<Hit>; WIDTH] {
     let mut packet = Packet::new(simd, rays);
+    let mut beam = None;
+    let mut nodes = 0;
     let all = (1 << count) - 1;
     let mut current = Group { child: Child::ROOT, rays: all as u32, entry: f32::NEG_INFINITY };
     let mut waiting = 0;
@@ -198,7 +215,11 @@ pub fn together<S: Simd, K: LeafKernel, const ANY: bool>(
             }
             _ => match current.child.kind() {
                 Kind::Node(index) => {
-                    waiting = push_entered(&packet, bvh, index, active, groups, waiting);
+                    nodes += 1;
+                    if nodes == WAY {
+                        beam = Some(Beam::new(&packet));
+                    }
+                    waiting = push_entered(&packet, &beam, bvh, index, active, groups, waiting);
                 }
                 Kind::Leaf(first, count) => {
                     let leaf = bvh.leaf(first, count);
@@ -225,6 +246,7 @@ pub fn together<S: Simd, K: LeafKernel, const ANY: bool>(
 #[inline(always)]
 fn push_entered<S: Simd, K>(
     packet: &Packet<S>,
+    beam: &Option<Beam<S>>,
     bvh: &Bvh<K>,
     index: usize,
     active: u64,
@@ -233,12 +255,22 @@ fn push_entered<S: Simd, K>(
 ) -> usize {
     let node = &bvh.nodes[index];
     let mut top = bottom;
-    let mut slot = 0;
-    while slot < WIDTH && node.has(slot) {
-        let (rays, entry) = packet.enter(node, slot, active);
+    let (mut candidates, entries) = match beam {
+        Some(beam) => beam.enter(packet, node),
+        None => (node.slots(packet.simd), [0.0; WIDTH]),
+    };
+    while candidates != 0 {
+        let slot = candidates.trailing_zeros() as usize;
+        candidates &= candidates - 1;
+        let (entered, near) = packet.enter(node, slot);
+        let rays = entered.to_bitmask() & active;
         if rays != 0 {
             let child = node.children[slot];
             bvh.prefetch(child);
+            let entry = match beam {
+                Some(_) => entries[slot],
+                None => entered.select(near, f32x8::splat(packet.simd, f32::INFINITY)).reduce_min(),
+            };
             let mut i = top;
             while i > bottom && groups[i - 1].entry < entry {
                 groups[i] = groups[i - 1];
@@ -247,7 +279,6 @@ fn push_entered<S: Simd, K>(
             groups[i] = Group { child, rays: rays as u32, entry };
             top += 1;
         }
-        slot += 1;
     }
     top
 }
@@ -263,21 +294,19 @@ fn go_on_alone<S: Simd, K: LeafKernel, const ANY: bool>(
     stack: &mut [Entry],
 ) {
     let before = packet.hits()[lane];
-    let t_max = <[f32; WIDTH]>::from(packet.t_max)[lane];
-    let nothing = Hit { triangle: NOTHING, t: t_max, u: 0.0, v: 0.0 };
-    let mut walk = Walk { nearest: before.unwrap_or(nothing), current: child, waiting: 0 };
-    let prepared = PreparedRay::new(ray);
-    let lanes = RayLanes::new(packet.simd, &prepared);
-    while walk.step::<S, K, ANY>(&lanes, bvh, stack) {}
-    if walk.hit() != before {
+    let walk = Walk::resume(ray, before, child, stack);
+    let hit = walk_on::<S, K, ANY>(packet.simd, bvh, walk, stack);
+    if hit != before
+        && let Some(hit) = hit
+    {
         let set = |lanes: &mut f32x8<S>, value: f32| {
             let mut values: [f32; WIDTH] = (*lanes).into();
             values[lane] = value;
             *lanes = f32x8::load_array(packet.simd, values);
         };
-        set(&mut packet.rank, rank_of(walk.nearest.triangle));
-        set(&mut packet.t_max, walk.nearest.t);
-        set(&mut packet.u, walk.nearest.u);
-        set(&mut packet.v, walk.nearest.v);
+        set(&mut packet.rank, rank_of(hit.triangle));
+        set(&mut packet.t_max, hit.t);
+        set(&mut packet.u, hit.u);
+        set(&mut packet.v, hit.v);
     }
 }

@@ -8,23 +8,25 @@
 use super::lanes::STRETCH;
 use super::leaf::{Leaf, NO_RANK, id_of};
 use super::leaf_kernel::LeafKernel;
-use super::packet::Packet;
-use super::{Bvh, Child, Kind, Node, WIDTH};
+use super::node::Node;
+use super::packet::{Packet, band_scale, columns, longest};
+use super::{Bvh, Child, Kind, WIDTH};
 use crate::geometry::{Hit, Ray};
-use fearless_simd::{Simd, f32x8, prelude::*};
+use fearless_simd::{Simd, f32x8, mask8x32, prelude::*, u8x32};
+use glam::Vec3;
 
-/// Rays that go together: all that is known of them fits the first cache.
+/// Rays that go together: all that is known of them fits the first cache, and a number a byte.
 const RAYS: usize = 256;
 
-/// The numbers of some rays, as in a [`Packet`], one row per kind.
+/// Numbers of rays in a register. Behind each list there is room for one.
+const LANES: usize = 32;
+
+/// Some rays, and the numbers of a [`Packet`] that are more than those of the rays, one row per kind.
 #[derive(Debug)]
 struct Rows {
-    origin: [[f32; RAYS]; 3],
-    direction: [[f32; RAYS]; 3],
+    rays: [Ray; RAYS],
     inverse: [[f32; RAYS]; 3],
     t_scale: [f32; RAYS],
-    band_scale: [f32; RAYS],
-    t_min: [f32; RAYS],
     t_max: [f32; RAYS],
     u: [f32; RAYS],
     v: [f32; RAYS],
@@ -43,7 +45,9 @@ struct Visit {
 #[derive(Debug)]
 pub struct Stream {
     rows: Box<Rows>,
-    lists: Vec<u16>,
+    lists: Vec<u8>,
+    /// Of each ray of a list, which boxes it enters.
+    entered: [u8; RAYS],
     visits: Vec<Visit>,
 }
 
@@ -51,18 +55,20 @@ impl Stream {
     pub fn new() -> Self {
         let zeros = [0.0; RAYS];
         let rows = Rows {
-            origin: [zeros; 3],
-            direction: [zeros; 3],
+            rays: [Ray::new(Vec3::ZERO, Vec3::ZERO); RAYS],
             inverse: [zeros; 3],
             t_scale: zeros,
-            band_scale: zeros,
-            t_min: zeros,
             t_max: zeros,
             u: zeros,
             v: zeros,
             rank: zeros,
         };
-        Stream { rows: Box::new(rows), lists: vec![0; RAYS], visits: Vec::new() }
+        Stream {
+            rows: Box::new(rows),
+            lists: vec![0; RAYS + LANES],
+            entered: [0; RAYS],
+            visits: Vec::new(),
+        }
     }
 
     /// Calls `finish` with the number of each of the rays `which` and its nearest hit, or any if `ANY`.
@@ -78,7 +84,7 @@ impl Stream {
         for which in which.chunks(RAYS) {
             self.rows.fill(simd, rays, which);
             for (ray, entry) in self.lists[..which.len()].iter_mut().enumerate() {
-                *entry = ray as u16;
+                *entry = ray as u8;
             }
             self.visits.push(Visit { child: Child::ROOT, first: 0, count: which.len() });
             while let Some(visit) = self.visits.pop() {
@@ -98,13 +104,13 @@ impl Stream {
         visit: Visit,
     ) {
         let Visit { child, first, mut count } = visit;
-        if ANY {
-            count = self.rows.still_searching(&mut self.lists[first..first + count]);
-        }
         match child.kind() {
             Kind::Node(index) => self.divide(simd, &bvh.nodes[index], first, count),
             Kind::Leaf(start, length) => {
                 let leaf = bvh.leaf(start, length);
+                if ANY {
+                    count = self.rows.still_searching(&mut self.lists[first..first + count]);
+                }
                 self.rows.intersect::<S, K, ANY>(simd, leaf, &self.lists[first..first + count]);
             }
         }
@@ -116,26 +122,34 @@ impl Stream {
     /// behind itself are not needed any more.
     #[inline(always)]
     fn divide<S: Simd>(&mut self, simd: S, node: &Node, first: usize, count: usize) {
-        let base = first + count;
-        if self.lists.len() < base + WIDTH * count {
-            self.lists.resize(base + WIDTH * count, 0);
+        let base = first + count + LANES;
+        let room = count + LANES;
+        if self.lists.len() < base + WIDTH * room {
+            self.lists.resize(base + WIDTH * room, 0);
         }
         let (own, others) = self.lists.split_at_mut(base);
-        let others = &mut others[..WIDTH * count];
-        let mut lengths = [0; WIDTH];
-        for &ray in &own[first..] {
-            let mask = self.rows.enter(simd, node, ray as usize % RAYS);
-            let mut slot = 0;
-            while slot < WIDTH {
-                // Written in any case, and kept if the ray enters.
-                others[slot * count + lengths[slot]] = ray;
-                lengths[slot] += (mask >> slot & 1) as usize;
-                slot += 1;
-            }
+        let own = &own[first..];
+        for (entered, &ray) in self.entered.iter_mut().zip(&own[..count]) {
+            *entered = self.rows.enter(simd, node, ray as usize) as u8;
         }
-        for (slot, &length) in lengths.iter().enumerate() {
-            if node.has(slot) && length > 0 {
-                let (child, first) = (node.children[slot], base + slot * count);
+        for slot in 0..WIDTH {
+            if !node.has(slot) {
+                break;
+            }
+            let list = &mut others[slot * room..(slot + 1) * room];
+            let bit = u8x32::splat(simd, 1 << slot);
+            let mut length = 0;
+            for at in (0..count).step_by(LANES) {
+                let entered = u8x32::from_slice(simd, &self.entered[at..at + LANES]) & bit;
+                let valid = u64::MAX >> (64 - (count - at).min(LANES));
+                let mask = entered.simd_eq(bit).to_bitmask() & valid;
+                let rays = u8x32::from_slice(simd, &own[at..at + LANES]);
+                rays.compress(mask8x32::from_bitmask(simd, mask))
+                    .store_slice(&mut list[length..length + LANES]);
+                length += mask.count_ones() as usize;
+            }
+            if length > 0 {
+                let (child, first) = (node.children[slot], base + slot * room);
                 self.visits.push(Visit { child, first, count: length });
             }
         }
@@ -152,30 +166,28 @@ impl Rows {
             }
             let packet = Packet::new(simd, &eight);
             let at = part * WIDTH..(part + 1) * WIDTH;
+            self.rays[at.clone()].copy_from_slice(&eight);
             let mut axis = 0;
             while axis < 3 {
-                packet.origin[axis].store_slice(&mut self.origin[axis][at.clone()]);
-                packet.direction[axis].store_slice(&mut self.direction[axis][at.clone()]);
                 packet.inverse[axis].store_slice(&mut self.inverse[axis][at.clone()]);
                 axis += 1;
             }
             packet.t_scale.store_slice(&mut self.t_scale[at.clone()]);
-            packet.band_scale.store_slice(&mut self.band_scale[at.clone()]);
-            packet.t_min.store_slice(&mut self.t_min[at.clone()]);
             packet.t_max.store_slice(&mut self.t_max[at.clone()]);
             self.rank[at].fill(NO_RANK);
         }
     }
 
-    /// Which of a node's boxes a ray enters; anything for those that are not there.
+    /// Which of a node's boxes a ray enters.
     #[inline(always)]
     fn enter<S: Simd>(&self, simd: S, node: &Node, ray: usize) -> u64 {
         let t_scale = self.t_scale[ray];
-        let mut near = f32x8::splat(simd, self.t_min[ray] * t_scale);
+        let origin = self.rays[ray].origin.to_array();
+        let mut near = f32x8::splat(simd, self.rays[ray].t_min * t_scale);
         let mut far = f32x8::splat(simd, self.t_max[ray] * t_scale);
         let mut axis = 0;
         while axis < 3 {
-            let origin = f32x8::splat(simd, self.origin[axis][ray]);
+            let origin = f32x8::splat(simd, origin[axis]);
             let inverse = f32x8::splat(simd, self.inverse[axis][ray]);
             let [min, max] = &node.bounds[axis];
             let a = (f32x8::load_array_ref(simd, min) - origin) * inverse;
@@ -193,7 +205,7 @@ impl Rows {
         &mut self,
         simd: S,
         leaf: Leaf,
-        list: &[u16],
+        list: &[u8],
     ) {
         for part in list.chunks(WIDTH) {
             let mut eight = [part[0]; WIDTH];
@@ -217,18 +229,20 @@ impl Rows {
     }
 
     #[inline(always)]
-    fn gather<S: Simd>(&self, simd: S, list: &[u16; WIDTH]) -> Packet<S> {
+    fn gather<S: Simd>(&self, simd: S, list: &[u8; WIDTH]) -> Packet<S> {
         let row = |row: &[f32; RAYS]| f32x8::load_array(simd, pick(row, list));
-        let rows = |r: &[[f32; RAYS]; 3]| [row(&r[0]), row(&r[1]), row(&r[2])];
         let unused = f32x8::splat(simd, 0.0);
+        let rays = list.map(|ray| self.rays[ray as usize]);
+        let [ox, oy, oz, dx, dy, dz, t_min, _] = columns(simd, rays);
+        let direction = [dx, dy, dz];
         Packet {
             simd,
-            origin: rows(&self.origin),
-            direction: rows(&self.direction),
+            origin: [ox, oy, oz],
+            direction,
             inverse: [unused; 3],
             t_scale: unused,
-            band_scale: row(&self.band_scale),
-            t_min: row(&self.t_min),
+            band_scale: band_scale(longest(direction)),
+            t_min,
             t_max: row(&self.t_max),
             u: row(&self.u),
             v: row(&self.v),
@@ -237,15 +251,20 @@ impl Rows {
     }
 
     #[inline(always)]
-    fn scatter<S: Simd, const ANY: bool>(&mut self, packet: &Packet<S>, list: &[u16]) {
+    fn scatter<S: Simd, const ANY: bool>(&mut self, packet: &Packet<S>, list: &[u8]) {
         let t: [f32; WIDTH] = packet.t_max.into();
         let u: [f32; WIDTH] = packet.u.into();
         let v: [f32; WIDTH] = packet.v.into();
         let rank: [f32; WIDTH] = packet.rank.into();
         for (lane, &ray) in list.iter().enumerate() {
-            let ray = ray as usize % RAYS;
+            let ray = ray as usize;
             self.rank[ray] = rank[lane];
-            if !ANY {
+            if ANY {
+                // It enters no box and meets no triangle any more.
+                if rank[lane] != NO_RANK {
+                    self.t_max[ray] = f32::NEG_INFINITY;
+                }
+            } else {
                 self.t_max[ray] = t[lane];
                 self.u[ray] = u[lane];
                 self.v[ray] = v[lane];
@@ -255,12 +274,12 @@ impl Rows {
 
     /// Moves the rays that have found nothing to a list's front, and counts them.
     #[inline(always)]
-    fn still_searching(&self, list: &mut [u16]) -> usize {
+    fn still_searching(&self, list: &mut [u8]) -> usize {
         let mut kept = 0;
         for i in 0..list.len() {
             let ray = list[i];
             list[kept] = ray;
-            kept += (self.rank[ray as usize % RAYS] == NO_RANK) as usize;
+            kept += (self.rank[ray as usize] == NO_RANK) as usize;
         }
         kept
     }
@@ -276,11 +295,11 @@ impl Rows {
 }
 
 #[inline(always)]
-fn pick(row: &[f32; RAYS], list: &[u16; WIDTH]) -> [f32; WIDTH] {
+fn pick(row: &[f32; RAYS], list: &[u8; WIDTH]) -> [f32; WIDTH] {
     let mut picked = [0.0; WIDTH];
     let mut lane = 0;
     while lane < WIDTH {
-        picked[lane] = row[list[lane] as usize % RAYS];
+        picked[lane] = row[list[lane] as usize];
         lane += 1;
     }
     picked

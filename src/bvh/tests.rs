@@ -90,7 +90,7 @@ fn every_instruction_set_gives_the_same_bits() {
         let triangles = soup(count, seed);
         let rays = rays(4000, 9, &triangles);
         let answers = |level| {
-            let bvh = Bvh::<MollerTrumbore>::build_for(&triangles, level);
+            let bvh = Bvh::<MollerTrumbore>::build_for(&triangles, Effort::Quick, level);
             let (mut hits, mut blocked) = (Vec::new(), Vec::new());
             bvh.nearest_batch(&rays, &mut hits);
             bvh.occluded_batch(&rays, &mut blocked);
@@ -103,6 +103,78 @@ fn every_instruction_set_gives_the_same_bits() {
                 assert_eq!(best, answers(level), "{name}");
             }
         }
+    }
+}
+
+#[test]
+fn every_effort_gives_the_same_answers() {
+    let triangles = soup(3000, 10);
+    let rays = rays(3000, 10, &triangles);
+    let answers = |effort| {
+        let bvh = Bvh::<MollerTrumbore>::build_with(&triangles, effort);
+        let (mut hits, mut blocked) = (Vec::new(), Vec::new());
+        bvh.nearest_batch(&rays, &mut hits);
+        bvh.occluded_batch(&rays, &mut blocked);
+        (hits, blocked)
+    };
+    let (quick, thorough) = (answers(Effort::Quick), answers(Effort::Thorough));
+    for (i, ray) in rays.iter().enumerate() {
+        assert_same_hit(quick.0[i], thorough.0[i], &triangles, || format!("ray {i}: {ray:?}"));
+    }
+    assert_eq!(quick.1, thorough.1);
+}
+
+#[test]
+fn more_rays_pay_for_more_effort() {
+    assert_eq!(Effort::for_rays(1_000_000, 1_000_000), Effort::Quick);
+    assert_eq!(Effort::for_rays(1_000_000, 1_000_000_000), Effort::Thorough);
+    assert_eq!(Effort::for_rays(36, 1), Effort::Thorough);
+}
+
+#[test]
+fn the_hierarchy_is_the_same_whatever_the_number_of_threads() {
+    // Enough for whatever the builder does in another way when there is much of it.
+    let triangles = soup(520_000, 11);
+    let build = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| build::build(&triangles, Effort::Quick))
+    };
+    let bits = |words: &[f32]| words.iter().map(|word| word.to_bits()).collect::<Vec<_>>();
+    let one = build(1);
+    for threads in [2, 5] {
+        let other = build(threads);
+        assert!(bits(&one.leaves.words) == bits(&other.leaves.words), "{threads} threads");
+        assert_eq!(one.nodes.len(), other.nodes.len(), "{threads} threads");
+        for (a, b) in one.nodes.iter().zip(&other.nodes) {
+            assert_eq!((a.children, a.bounds), (b.children, b.bounds), "{threads} threads");
+        }
+    }
+}
+
+#[test]
+fn every_triangle_is_in_a_leaf_and_every_box_holds_what_is_below_it() {
+    for count in [1, 2, 9, 3000] {
+        let triangles = soup(count, 12);
+        let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+        let mut found = vec![false; triangles.len()];
+        let mut work = vec![(0, Bounds { min: Vec3::MIN, max: Vec3::MAX })];
+        while let Some((index, whole)) = work.pop() {
+            let node = &bvh.nodes[index];
+            for slot in (0..WIDTH).filter(|&slot| node.has(slot)) {
+                let side =
+                    |side: usize| Vec3::from_array([0, 1, 2].map(|a| node.bounds[a][side][slot]));
+                let (min, max) = (side(0), side(1));
+                assert!(min.cmpge(whole.min).all() && max.cmple(whole.max).all(), "node {index}");
+                match node.children[slot].kind() {
+                    Kind::Node(child) => work.push((child, Bounds { min, max })),
+                    Kind::Leaf(first, count) => {
+                        let leaf = bvh.leaf(first, count);
+                        (0..count).for_each(|i| found[leaf.id(i).index()] = true);
+                    }
+                }
+            }
+        }
+        assert!(found.iter().all(|&found| found), "{count}");
     }
 }
 

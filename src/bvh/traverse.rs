@@ -1,31 +1,50 @@
-//! The walk of one ray down the hierarchy, and of several in turns.
+//! The walk of one ray down the hierarchy.
+//!
+//! A step asks the processor to foresee as little as it can: which boxes are entered, in which order, and
+//! whether a leaf is hit is told by numbers rather than by branches.
 
 use super::lanes::{PreparedRay, RayLanes, STRETCH};
-use super::leaf_kernel::LeafKernel;
+use super::leaf::Leaf;
+use super::leaf_kernel::{LeafKernel, Met};
+use super::node::Node;
 use super::{Bvh, Child, Kind, WIDTH};
 use crate::geometry::{Hit, Ray, TriangleId};
-use fearless_simd::Simd;
+use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8, u64x2};
+use std::hint::select_unpredictable;
 
 /// A place to visit: the [`order`] of its entry distance above, the child below.
 pub type Entry = u64;
 
-/// How far one ray's walk has come.
-#[derive(Debug, Clone, Copy)]
-pub struct Walk {
-    pub nearest: Hit,
-    pub current: Child,
-    /// Entries on its stack.
-    pub waiting: usize,
-}
+/// What lies below all others on a stack: as near as can be, so that it is never left out.
+const END: Entry = 0;
 
 /// The triangle of no hit.
 pub const NOTHING: TriangleId = TriangleId(u32::MAX);
 
+/// How far a ray has come.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub struct Walk {
+    prepared: PreparedRay,
+    nearest: Hit,
+    /// Entries on its stack, the end included.
+    waiting: usize,
+}
+
 impl Walk {
+    /// At the root, with nothing found.
     #[inline(always)]
-    pub fn new(ray: &Ray) -> Self {
-        let nearest = Hit { triangle: NOTHING, t: ray.t_max, u: 0.0, v: 0.0 };
-        Walk { nearest, current: Child::ROOT, waiting: 0 }
+    pub fn new(ray: &Ray, stack: &mut [Entry]) -> Self {
+        Walk::resume(ray, None, Child::ROOT, stack)
+    }
+
+    /// At some child, with what was found before.
+    #[inline(always)]
+    pub fn resume(ray: &Ray, found: Option<Hit>, from: Child, stack: &mut [Entry]) -> Self {
+        stack[0] = END;
+        stack[1] = from.0 as Entry;
+        let nothing = Hit { triangle: NOTHING, t: ray.t_max, u: 0.0, v: 0.0 };
+        Walk { prepared: PreparedRay::new(ray), nearest: found.unwrap_or(nothing), waiting: 2 }
     }
 
     #[inline(always)]
@@ -33,145 +52,177 @@ impl Walk {
         if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
     }
 
-    /// Visits one node or leaf; whether there is another to visit.
+    /// What to visit next, unless the walk [is over](Walk::is_over). What lies behind the nearest hit is
+    /// left out.
     #[inline(always)]
-    pub fn step<S: Simd, K: LeafKernel, const ANY: bool>(
-        &mut self,
-        lanes: &RayLanes<S>,
-        bvh: &Bvh<K>,
-        stack: &mut [Entry],
-    ) -> bool {
-        if ANY { self.step_any(lanes, bvh, stack) } else { self.step_nearest(lanes, bvh, stack) }
-    }
-
-    /// On the way to the nearest hit. Of several at the same t, that of the lowest triangle is kept,
-    /// whatever the order of the walk.
-    #[inline(always)]
-    fn step_nearest<S: Simd, K: LeafKernel>(
-        &mut self,
-        lanes: &RayLanes<S>,
-        bvh: &Bvh<K>,
-        stack: &mut [Entry],
-    ) -> bool {
-        let t_scale = lanes.prepared.t_scale;
-        match self.current.kind() {
-            Kind::Node(index) => {
-                let node = &bvh.nodes[index];
-                let (mask, entry) = lanes.enter(node, self.nearest.t * t_scale);
-                let next = push_far_to_near(mask, &entry, &node.children, stack, &mut self.waiting);
-                if let Some(nearest) = next {
-                    self.current = nearest;
-                    return true;
-                }
-            }
-            Kind::Leaf(first, count) => {
-                let leaf = bvh.leaf(first, count);
-                let nearest = &mut self.nearest;
-                K::intersect_leaf(lanes, nearest.t, leaf, |number, t, u, v| {
-                    let triangle = leaf.id(number);
-                    if t < nearest.t || (t == nearest.t && triangle < nearest.triangle) {
-                        *nearest = Hit { triangle, t, u, v };
-                    }
-                });
-            }
+    pub fn next<const ANY: bool>(&mut self, stack: &[Entry]) -> Child {
+        if ANY {
+            return Child(stack[self.waiting - 1] as u32);
         }
         // Equal distances are visited: a lower triangle may tie.
-        let last = order(self.nearest.t * t_scale * STRETCH);
-        while self.waiting > 0 {
-            self.waiting -= 1;
-            let entry = stack[self.waiting];
-            if (entry >> 32) as u32 <= last {
-                self.current = Child(entry as u32);
-                return true;
+        let last = order(self.nearest.t * self.prepared.t_scale * STRETCH);
+        loop {
+            let top = stack[self.waiting - 1];
+            if (top >> 32) as u32 <= last {
+                return Child(top as u32);
             }
+            self.waiting -= 1;
         }
-        false
     }
 
-    /// In search of any hit, in whatever order. Where it is does not matter and is not computed.
     #[inline(always)]
-    fn step_any<S: Simd, K: LeafKernel>(
+    pub fn is_over(&self) -> bool {
+        self.waiting == 1
+    }
+
+    /// Takes the node on top of the stack and puts the children there that the ray enters.
+    #[inline(always)]
+    pub fn visit_node<S: Simd, const ANY: bool>(
         &mut self,
-        lanes: &RayLanes<S>,
-        bvh: &Bvh<K>,
+        simd: S,
+        nodes: &[Node],
         stack: &mut [Entry],
-    ) -> bool {
-        let t_max = lanes.prepared.ray.t_max;
-        match self.current.kind() {
-            Kind::Node(index) => {
-                let node = &bvh.nodes[index];
-                let (mut mask, _) = lanes.enter(node, t_max * lanes.prepared.t_scale);
-                while mask != 0 {
-                    let slot = mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
-                    stack[self.waiting] = node.children[slot].0 as Entry;
-                    self.waiting += 1;
-                }
-            }
-            Kind::Leaf(first, count) => {
-                let leaf = bvh.leaf(first, count);
-                let nearest = &mut self.nearest;
-                K::intersect_leaf(lanes, t_max, leaf, |number, _, _, _| {
-                    nearest.triangle = leaf.id(number);
-                });
-                if self.nearest.triangle != NOTHING {
-                    return false;
-                }
-            }
-        }
-        if self.waiting == 0 {
-            return false;
-        }
+    ) {
         self.waiting -= 1;
-        self.current = Child(stack[self.waiting] as u32);
-        true
+        let node = &nodes[stack[self.waiting] as u32 as usize];
+        let lanes = RayLanes::new(simd, &self.prepared);
+        let (entered, near) = lanes.enter(node, self.nearest.t * self.prepared.t_scale);
+        let room = &mut stack[self.waiting..][..WIDTH];
+        if ANY {
+            push(simd, entered, node, room);
+        } else {
+            push_far_to_near(simd, entered, near, node, room);
+        }
+        self.waiting += entered.to_bitmask().count_ones() as usize;
+    }
+
+    /// Takes the leaf on top of the stack and asks its triangles. Of several hits at the same t, that of
+    /// the lowest triangle is kept, whatever the order of the walk; of any hit only that there is one.
+    #[inline(always)]
+    pub fn visit_leaf<S: Simd, K: LeafKernel, const ANY: bool>(
+        &mut self,
+        simd: S,
+        bvh: &Bvh<K>,
+        stack: &[Entry],
+    ) {
+        self.waiting -= 1;
+        let Kind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
+            unreachable!("whoever is at a node visits it")
+        };
+        let leaf = bvh.leaf(first, count);
+        let lanes = RayLanes::new(simd, &self.prepared);
+        let met = K::intersect_leaf(&lanes, self.nearest.t, leaf);
+        if ANY {
+            let met = met.lanes.to_bitmask();
+            if met != 0 {
+                self.nearest.triangle = leaf.id(met.trailing_zeros() as usize);
+                self.waiting = 1;
+            }
+        } else {
+            self.keep_nearest(simd, &leaf, &met);
+        }
+    }
+
+    #[inline(always)]
+    fn keep_nearest<S: Simd>(&mut self, simd: S, leaf: &Leaf, met: &Met<S>) {
+        let t = met.lanes.select(met.t, f32x8::splat(simd, f32::INFINITY));
+        let least = t.reduce_min();
+        let mut lanes = (met.lanes & t.simd_eq(f32x8::splat(simd, least))).to_bitmask();
+        let is_met = lanes != 0;
+        let mut lane = lanes.trailing_zeros() as usize % WIDTH;
+        // Hardly ever more than one.
+        while lanes & lanes.wrapping_sub(1) != 0 {
+            lanes &= lanes - 1;
+            let other = lanes.trailing_zeros() as usize;
+            if leaf.id(other) < leaf.id(lane) {
+                lane = other;
+            }
+        }
+        let triangle = leaf.id(lane);
+        let nearest = &mut self.nearest;
+        let is_nearer =
+            (least < nearest.t) | ((least == nearest.t) & (triangle < nearest.triangle));
+        let take = is_met & is_nearer;
+        let number = |lanes: &f32x8<S>| lanes.as_array()[lane];
+        let (u, v) = (number(&met.u) / number(&met.det), number(&met.v) / number(&met.det));
+        nearest.triangle.0 = select_unpredictable(take, triangle.0, nearest.triangle.0);
+        nearest.t = select_unpredictable(take, least, nearest.t);
+        nearest.u = select_unpredictable(take, u, nearest.u);
+        nearest.v = select_unpredictable(take, v, nearest.v);
     }
 }
 
-/// An integer that grows with `x`, from −∞ to ∞.
+/// An integer that grows with `x`, from −∞ to ∞, and is never 0.
 #[inline(always)]
 fn order(x: f32) -> u32 {
     let bits = x.to_bits();
     bits ^ (((bits as i32) >> 31) as u32 | 1 << 31)
 }
 
-/// Returns the nearest of the entered children and pushes the others, farthest first.
+/// Puts the entered children at the front of `room`.
 #[inline(always)]
-fn push_far_to_near(
-    mut mask: u64,
-    entry: &[f32; WIDTH],
-    children: &[Child; WIDTH],
-    stack: &mut [Entry],
-    waiting: &mut usize,
-) -> Option<Child> {
-    if mask == 0 {
-        return None;
-    }
-    let first = mask.trailing_zeros() as usize;
-    mask &= mask - 1;
-    if mask == 0 {
-        return Some(children[first]);
-    }
-    let key = |slot: usize| (order(entry[slot]) as Entry) << 32 | children[slot].0 as Entry;
-    let mut near = key(first);
-    let bottom = *waiting;
-    let mut top = bottom;
-    while mask != 0 {
-        let other = key(mask.trailing_zeros() as usize);
-        mask &= mask - 1;
-        let far = near.max(other);
-        near = near.min(other);
-        // Insertion keeps this node's part of the stack sorted; rarely more than three are entered.
-        let mut i = top;
-        while i > bottom && stack[i - 1] < far {
-            stack[i] = stack[i - 1];
-            i -= 1;
+fn push<S: Simd>(simd: S, entered: mask32x8<S>, node: &Node, room: &mut [Entry]) {
+    let (low, high) = node.children(simd).compress(entered).widen();
+    low.store_slice(&mut room[..4]);
+    high.store_slice(&mut room[4..]);
+}
+
+/// The same, farthest first.
+#[inline(always)]
+fn push_far_to_near<S: Simd>(
+    simd: S,
+    entered: mask32x8<S>,
+    near: f32x8<S>,
+    node: &Node,
+    room: &mut [Entry],
+) {
+    // As `order` does.
+    let bits: u32x8<S> = near.bitcast();
+    let signs = (bits.bitcast::<i32x8<S>>() >> 31).bitcast::<u32x8<S>>();
+    let keys = (bits ^ (signs | u32x8::splat(simd, 1 << 31))).compress(entered);
+    let children = node.children(simd).compress(entered);
+    let pairs = |(low, high): (u32x8<S>, u32x8<S>)| {
+        let ((a, b), (c, d)) = (low.split(), high.split());
+        [a, b, c, d].map(|pair| pair.bitcast::<u64x2<S>>())
+    };
+    let [a, b, c, d] = pairs((children.zip_low(keys), children.zip_high(keys)));
+    let count = entered.to_bitmask().count_ones() as usize;
+    if count <= 4 {
+        // The larger of each two, then the largest and the least of all; where there is no entry there
+        // is a 0, which comes last.
+        let (large, small) = (a.max(b), a.min(b));
+        let (turned_large, turned_small) = (large.slide::<1>(large), small.slide::<1>(small));
+        let (first, last) = (large.max(turned_large), small.min(turned_small));
+        let (one, other) = (large.min(turned_large), small.max(turned_small));
+        first.zip_low(one.max(other)).store_slice(&mut room[..2]);
+        one.min(other).zip_low(last).store_slice(&mut room[2..4]);
+    } else {
+        for (pair, room) in [a, b, c, d].into_iter().zip(room.chunks_exact_mut(2)) {
+            pair.store_slice(room);
         }
-        stack[i] = far;
-        top += 1;
+        room[..count].sort_unstable_by(|a, b| b.cmp(a));
     }
-    *waiting = top;
-    Some(Child(near as u32))
+}
+
+/// A walk from where it is to its end.
+#[inline(always)]
+pub fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
+    simd: S,
+    bvh: &Bvh<K>,
+    mut walk: Walk,
+    stack: &mut [Entry],
+) -> Option<Hit> {
+    loop {
+        let child = walk.next::<ANY>(stack);
+        if walk.is_over() {
+            return walk.hit();
+        }
+        if child.is_leaf() {
+            walk.visit_leaf::<S, K, ANY>(simd, bvh, stack);
+        } else {
+            walk.visit_node::<S, ANY>(simd, &bvh.nodes, stack);
+        }
+    }
 }
 
 /// The nearest hit of one ray, or any if `ANY`.
@@ -185,65 +236,6 @@ pub fn alone<S: Simd, K: LeafKernel, const ANY: bool>(
     if !PreparedRay::can_hit(ray) {
         return None;
     }
-    let mut walk = Walk::new(ray);
-    let prepared = PreparedRay::new(ray);
-    let lanes = RayLanes::new(simd, &prepared);
-    while walk.step::<S, K, ANY>(&lanes, bvh, stack) {}
-    walk.hit()
-}
-
-/// Rays that take turns. With 8 the atrium of `isolux bench` was a tenth slower, with 4 a third.
-pub const IN_FLIGHT: usize = 16;
-
-/// [`alone`] for each of the rays `which`, in turns; calls `finish` with its number.
-///
-/// A ray waits for memory at nearly every step, unless the hierarchy fits the caches. So it asks for
-/// what it needs next, and the others go on until it is there.
-#[inline(always)]
-pub fn in_turns<S: Simd, K: LeafKernel, const ANY: bool>(
-    simd: S,
-    bvh: &Bvh<K>,
-    rays: &[Ray],
-    which: &[u32],
-    stack: &mut [Entry],
-    finish: &mut impl FnMut(usize, Option<Hit>),
-) {
-    let share = stack.len() / IN_FLIGHT;
-    let Some(&first) = which.first() else { return };
-    let take = |index: u32| {
-        let ray = &rays[index as usize];
-        (PreparedRay::new(ray), Walk::new(ray), index)
-    };
-    let mut flights = [take(first); IN_FLIGHT];
-    let mut alive = IN_FLIGHT.min(which.len());
-    let mut next = 0;
-    while next < alive {
-        flights[next] = take(which[next]);
-        next += 1;
-    }
-    while alive > 0 {
-        let mut i = 0;
-        while i < alive {
-            let (prepared, walk, index) = &mut flights[i];
-            let lanes = RayLanes::new(simd, prepared);
-            let own = &mut stack[i * share..(i + 1) * share];
-            if walk.step::<S, K, ANY>(&lanes, bvh, own) {
-                bvh.prefetch(walk.current);
-                i += 1;
-                continue;
-            }
-            finish(*index as usize, walk.hit());
-            if next < which.len() {
-                flights[i] = take(which[next]);
-                next += 1;
-                i += 1;
-            } else {
-                // The last one takes the place that is free.
-                alive -= 1;
-                flights[i] = flights[alive];
-                let from = alive * share;
-                stack.copy_within(from..from + flights[i].1.waiting, i * share);
-            }
-        }
-    }
+    let walk = Walk::new(ray, stack);
+    walk_on::<S, K, ANY>(simd, bvh, walk, stack)
 }

@@ -101,7 +101,7 @@ struct Report {
 struct Build {
     scene: String,
     triangles: usize,
-    /// Seconds with all threads, built once.
+    /// Seconds with all threads: medians.
     native_seconds: f64,
     embree_seconds: Option<f64>,
     /// Memory with the triangles.
@@ -125,21 +125,34 @@ struct Outcome {
     engines: Vec<Rates>,
 }
 
+/// Each side builds its hierarchy at most so many times.
+const BUILDS: u32 = 5;
+
+fn median(mut seconds: Vec<f64>) -> Option<f64> {
+    seconds.sort_by(f64::total_cmp);
+    seconds.get(seconds.len() / 2).copied()
+}
+
 fn measure(
     stage: &Stage,
     pools: &[ThreadPool],
     arguments: &Arguments,
     report: &mut Report,
 ) -> Result<()> {
-    let start = Instant::now();
+    let (mut native_seconds, mut embree_seconds) = (Vec::new(), Vec::new());
+    for _ in 0..arguments.rounds.min(BUILDS) {
+        let start = Instant::now();
+        drop(Bvh::<MollerTrumbore>::build(&stage.triangles));
+        native_seconds.push(start.elapsed().as_secs_f64());
+        embree_seconds.extend(oracle_build_seconds(stage)?);
+    }
     let native = Bvh::<MollerTrumbore>::build(&stage.triangles);
-    let native_seconds = start.elapsed().as_secs_f64();
     let casters = oracle_casters(stage)?;
     report.builds.push(Build {
         scene: stage.name.clone(),
         triangles: stage.triangles.len(),
-        native_seconds,
-        embree_seconds: casters.seconds,
+        native_seconds: median(native_seconds).expect("at least one round"),
+        embree_seconds: median(embree_seconds),
         native_bytes: native.bytes() + size_of_val(&stage.triangles[..]),
         embree_bytes: casters.bytes,
     });
@@ -202,7 +215,6 @@ mod embree {
     use std::time::Instant;
 
     pub struct Casters {
-        pub seconds: Option<f64>,
         pub bytes: Option<usize>,
         all: Vec<(&'static str, Side, EmbreeScene)>,
     }
@@ -212,18 +224,24 @@ mod embree {
         Ok(format!("Embree {} ({})", device.version(), device.isa()))
     }
 
+    /// Of Embree's default kernel, at its highest quality.
+    pub fn oracle_build_seconds(stage: &Stage) -> Result<Option<f64>> {
+        let device = Device::new("")?;
+        let start = Instant::now();
+        EmbreeScene::build(&device, &stage.triangles, Options::default())?;
+        Ok(Some(start.elapsed().as_secs_f64()))
+    }
+
     pub fn oracle_casters(stage: &Stage) -> Result<Casters> {
         let device = Device::new("")?;
-        let mut casters = Casters { seconds: None, bytes: None, all: Vec::new() };
+        let mut casters = Casters { bytes: None, all: Vec::new() };
         for (side, names) in [
             (Side::Embree, ["Embree 1", "Embree 8", "Embree 16"]),
             (Side::EmbreeRobust, ["Embree robust 1", "Embree robust 8", "Embree robust 16"]),
         ] {
             let robust = side == Side::EmbreeRobust;
             let options = Options { robust, packets: Packets::Single };
-            let start = Instant::now();
             let scene = EmbreeScene::build(&device, &stage.triangles, options)?;
-            casters.seconds.get_or_insert(start.elapsed().as_secs_f64());
             casters.bytes.get_or_insert(scene.bytes());
             let packets = [Packets::Single, Packets::Packet8, Packets::Packet16];
             for (name, packets) in names.into_iter().zip(packets) {
@@ -245,14 +263,13 @@ mod embree {
     }
 }
 #[cfg(feature = "embree")]
-use embree::{oracle, oracle_casters};
+use embree::{oracle, oracle_build_seconds, oracle_casters};
 
 #[cfg(not(feature = "embree"))]
 mod alone {
     use super::{Engine, Result, Stage};
 
     pub struct Casters {
-        pub seconds: Option<f64>,
         pub bytes: Option<usize>,
     }
 
@@ -260,8 +277,12 @@ mod alone {
         Ok("without Embree; to race it, build with --features embree (see the README)".into())
     }
 
+    pub fn oracle_build_seconds(_: &Stage) -> Result<Option<f64>> {
+        Ok(None)
+    }
+
     pub fn oracle_casters(_: &Stage) -> Result<Casters> {
-        Ok(Casters { seconds: None, bytes: None })
+        Ok(Casters { bytes: None })
     }
 
     impl Casters {
@@ -271,26 +292,27 @@ mod alone {
     }
 }
 #[cfg(not(feature = "embree"))]
-use alone::{oracle, oracle_casters};
+use alone::{oracle, oracle_build_seconds, oracle_casters};
 
 impl Report {
     fn to_text(&self) -> String {
         let mut text = format!("native against {}\n\n", self.oracle);
         let _ = writeln!(
             text,
-            "{:<22} {:>9} {:>10} {:>10} {:>10} {:>10}",
-            "hierarchy", "triangles", "native s", "Embree s", "native MB", "Embree MB"
+            "{:<22} {:>9} {:>10} {:>10} {:>12} {:>12}",
+            "hierarchy", "triangles", "native s", "Embree s", "native B/tri", "Embree B/tri"
         );
         for build in &self.builds {
+            let of_each = |bytes: usize| bytes as f64 / build.triangles as f64;
             let _ = writeln!(
                 text,
-                "{:<22} {:>9} {:>10.3} {:>10} {:>10.1} {:>10}",
+                "{:<22} {:>9} {:>10.4} {:>10} {:>12.1} {:>12}",
                 build.scene,
                 build.triangles,
                 build.native_seconds,
-                number(build.embree_seconds, 3),
-                build.native_bytes as f64 * 1e-6,
-                number(build.embree_bytes.map(|bytes| bytes as f64 * 1e-6), 1),
+                number(build.embree_seconds, 4),
+                of_each(build.native_bytes),
+                number(build.embree_bytes.map(of_each), 1),
             );
         }
         let _ = writeln!(

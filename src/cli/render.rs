@@ -3,7 +3,7 @@
 use super::arguments::{PointsName, RenderArguments, ShadingName};
 use super::report::{Report, Seconds};
 use super::{progress, say, warn};
-use crate::bvh::AnyBvh;
+use crate::bvh::{AnyBvh, Effort};
 use crate::coverage;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
@@ -48,7 +48,9 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
 
     let mesh = PatchMesh::subdivide(&scene, subdivision(arguments, &description))?;
     let settings = settings(arguments, &mesh)?;
-    let caster = AnyBvh::build(&scene.triangles, arguments.kernel.into());
+    let rays = settings.expected_rays(&mesh) + frame.rays();
+    let effort = Effort::for_rays(scene.triangles.len(), rays);
+    let caster = AnyBvh::build(&scene.triangles, effort, arguments.kernel.into());
     let camera = match &description.camera {
         Some(camera) => camera.clone(),
         None => Camera::fitted(&scene.triangles, &caster),

@@ -6,7 +6,9 @@ use glam::Vec3;
 /// The points `origin + t · direction` with t in (`t_min`, `t_max`].
 ///
 /// The direction need not have unit length; t is measured in multiples of it.
+// Its eight numbers are one load.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
 pub struct Ray {
     pub origin: Vec3,
     pub direction: Vec3,
