@@ -34,13 +34,9 @@ pub enum Effort {
 
 impl Effort {
     /// What pays for so many rays: on 1.6 million triangles the thorough build took 0.9 µs a triangle
-    /// more, and saved 20 ns a ray, on 2 threads. Some thousand triangles cost nothing either way.
+    /// more, and saved 20 ns a ray, on 2 threads.
     pub fn for_rays(triangles: usize, rays: u64) -> Effort {
-        if triangles < 4096 || rays / 64 > triangles as u64 {
-            Effort::Thorough
-        } else {
-            Effort::Quick
-        }
+        if rays / 64 > triangles as u64 { Effort::Thorough } else { Effort::Quick }
     }
 
     /// Candidates for reinsertion in the first round, as a share of all nodes.

@@ -110,16 +110,19 @@ pub struct Bvh<'t, K = MollerTrumbore> {
 }
 
 impl<'t, K: Kernel> Bvh<'t, K> {
-    /// Builds over `triangles`, for about a million rays; hits refer to triangles by index. Any number of
-    /// them, none included, up to 2²⁸ pieces.
+    /// Builds over `triangles`, quickly; hits refer to them by index. Any number of them, none included,
+    /// up to 2²⁸ pieces.
     ///
     /// # Panics
     /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see [`simd::level`].
     pub fn build(triangles: &'t [Triangle]) -> Self {
-        Self::build_with(triangles, Effort::for_rays(triangles.len(), 1_000_000))
+        Self::build_with(triangles, Effort::Quick)
     }
 
     /// The same with a given effort, which changes no answer but the time that it takes.
+    ///
+    /// # Panics
+    /// As [`build`](Bvh::build).
     pub fn build_with(triangles: &'t [Triangle], effort: Effort) -> Self {
         let level = simd::level().expect("an instruction set that there is");
         Self::build_for(triangles, effort, level)

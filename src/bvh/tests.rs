@@ -128,7 +128,8 @@ fn every_effort_gives_the_same_answers() {
 fn more_rays_pay_for_more_effort() {
     assert_eq!(Effort::for_rays(1_000_000, 1_000_000), Effort::Quick);
     assert_eq!(Effort::for_rays(1_000_000, 1_000_000_000), Effort::Thorough);
-    assert_eq!(Effort::for_rays(36, 1), Effort::Thorough);
+    assert_eq!(Effort::for_rays(36, 1_000_000), Effort::Thorough);
+    assert_eq!(Effort::for_rays(36, 0), Effort::Quick);
 }
 
 #[test]
