@@ -51,7 +51,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// About how many rays a solution takes, for each point of an emitter and each sample of a pair too.
+    /// At most how many rays a solution takes, with n patches: for each `samples` and `direct_samples` by
+    /// hemispheres, or `samples` for each of n²/2 pairs.
     pub fn expected_rays(&self, mesh: &PatchMesh) -> u64 {
         let patches = mesh.len() as u64;
         let of_each = match self.method {

@@ -91,7 +91,7 @@ const CLOSE_COSINE_SQUARED: f32 = 0.98 * 0.98;
 #[inline(always)]
 fn are_close(rays: &[Ray], extent: f32) -> bool {
     let first = &rays[0];
-    if rays.len() == 1 || !PreparedRay::can_hit(first) {
+    if rays.len() == 1 || !rays.iter().all(PreparedRay::can_hit) {
         return false;
     }
     let length = CLOSE_COSINE_SQUARED * first.direction.length_squared();
@@ -99,7 +99,7 @@ fn are_close(rays: &[Ray], extent: f32) -> bool {
         let along = ray.direction.dot(first.direction);
         let apart = (ray.origin - first.origin).abs().max_element();
         let bound = length * ray.direction.length_squared();
-        // A NaN is not close, and an infinite product neither.
+        // Where the products overflow, they are not close.
         if !(along > 0.0 && along * along > bound && apart <= extent * (1.0 / 32.0)) {
             return false;
         }

@@ -26,9 +26,9 @@ pub struct Parts {
 /// How much time a build may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// As much as Embree's best build, or less.
+    /// Less than Embree's best build takes.
     Quick,
-    /// About twice as much.
+    /// Two to three times as much, and more on a few dozen triangles.
     Thorough,
 }
 
@@ -110,6 +110,7 @@ fn split_chunk(triangles: &[Triangle], first: usize, average: f32) -> (Vec<Aabb>
         obvhs::triangle::Triangle { v0, v1, v2 }
     };
     let shapes: Vec<_> = triangles.iter().map(corners).collect();
+    // As the library's presets have it.
     let (places, rounds) = (12, 12);
     split_aabbs_precise(
         &mut boxes, &mut ids, &shapes, average, average, GAIN, GAIN, rounds, places,

@@ -27,10 +27,11 @@ pub struct PreparedRay {
 }
 
 impl PreparedRay {
-    /// A ray with NaN or infinity in it hits nothing, and is not let near boxes without end.
+    /// A ray with NaN or infinity in its origin or direction hits nothing, nor does one without an
+    /// interval, which a NaN in it makes too; and neither is let near boxes.
     #[inline(always)]
     pub fn can_hit(ray: &Ray) -> bool {
-        ray.origin.is_finite() && ray.direction.is_finite()
+        ray.origin.is_finite() && ray.direction.is_finite() && ray.t_min < ray.t_max
     }
 
     #[inline(always)]

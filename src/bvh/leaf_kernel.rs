@@ -98,7 +98,7 @@ impl LeafKernel for MollerTrumbore {
             t_min: f32x8::splat(simd, ray.prepared.ray.t_min),
             t_max: f32x8::splat(simd, t_max),
         };
-        let (met, seams) = pairs.intersect(simd, (1 << leaf.count) - 1);
+        let (met, seams) = pairs.intersect::<false>(simd, (1 << leaf.count) - 1);
         if seams == 0 {
             return met;
         }
@@ -125,7 +125,7 @@ impl LeafKernel for MollerTrumbore {
             t_min: rays.t_min,
             t_max: rays.t_max,
         };
-        let (met, seams) = pairs.intersect(simd, active);
+        let (met, seams) = pairs.intersect::<true>(simd, active);
         if seams == 0 {
             return met;
         }
@@ -150,7 +150,7 @@ impl<S: Simd> Pairs<S> {
     /// Which of the pairs in `lanes` meet, and which f32 cannot decide: operation for operation
     /// what [`MollerTrumbore::intersect`](Kernel::intersect) does.
     #[inline(always)]
-    fn intersect(&self, simd: S, lanes: u64) -> (Met<S>, u64) {
+    fn intersect<const STOP: bool>(&self, simd: S, lanes: u64) -> (Met<S>, u64) {
         let d = determinants(self.origin, self.direction, self.p0, self.e1, self.e2);
         let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let sign = one.copysign(d.det);
@@ -168,6 +168,9 @@ impl<S: Simd> Pairs<S> {
         let decided = det.simd_gt(band);
         let possible = least.simd_ge(below) & w.simd_ge(below);
         let candidates = (possible | !decided).to_bitmask() & lanes;
+        if STOP && candidates == 0 {
+            return (Met::none(simd), 0);
+        }
         let inside = decided & least.simd_gt(band) & w.simd_gt(band);
         let t = d.t * sign / det;
         // Where products overflow, an infinite t is no hit.

@@ -86,9 +86,12 @@ fn every_answer_is_brute_forces_bit_for_bit() {
 
 #[test]
 fn every_instruction_set_gives_the_same_bits() {
-    for (count, seed) in [(40, 8), (500, 9)] {
+    for (count, seed) in [(40, 8), (500, 9), (5000, 9)] {
         let triangles = soup(count, seed);
-        let rays = rays(4000, 9, &triangles);
+        let mut rays = rays(4000, 9, &triangles);
+        // Close together, so that they go as packets.
+        let across = |i: u32| Vec3::new(1.0, (i % 8) as f32 * 0.01, (i / 8) as f32 * 0.002 - 0.3);
+        rays.extend((0..1024).map(|i| Ray::new(Vec3::new(-3.0, 0.1, 0.2), across(i))));
         let answers = |level| {
             let bvh = Bvh::<MollerTrumbore>::build_for(&triangles, Effort::Quick, level);
             let (mut hits, mut blocked) = (Vec::new(), Vec::new());
@@ -184,14 +187,23 @@ fn rays_that_stay_together_are_answered_as_if_they_were_alone() {
     for (count, seed) in [(500, 6), (5000, 7)] {
         let triangles = soup(count, seed);
         let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+        let brute = BruteForce::<MollerTrumbore>::new(&triangles);
         let beam = |i: u32| {
             let eye = Vec3::new(-3.0, 0.1 * (i / 64 % 8) as f32, 0.2);
             let across = Vec3::new(0.0, (i % 8) as f32 * 0.02, (i / 8) as f32 * 0.005 - 0.4);
             Ray::new(eye, Vec3::X + across)
         };
-        // Not a multiple of eight, with a broken ray among them.
+        // Not a multiple of eight, with a broken ray among them in every lane and in every way.
         let mut rays: Vec<Ray> = (0..1021).map(beam).collect();
-        rays[77].direction.x = f32::NAN;
+        for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i % 25 == 4) {
+            let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][i / 25 % 3];
+            match i / 75 % 8 {
+                axis @ 0..3 => ray.origin[axis] = bad,
+                axis @ 3..6 => ray.direction[axis - 3] = bad,
+                6 => ray.t_min = bad,
+                _ => ray.t_max = bad,
+            }
+        }
         let (mut hits, mut blocked) = (Vec::new(), Vec::new());
         bvh.nearest_batch(&rays, &mut hits);
         bvh.occluded_batch(&rays, &mut blocked);
@@ -199,6 +211,11 @@ fn rays_that_stay_together_are_answered_as_if_they_were_alone() {
         for (i, ray) in rays.iter().enumerate() {
             assert_eq!(hits[i], bvh.nearest(ray), "ray {i}: {ray:?}");
             assert_eq!(blocked[i], bvh.occluded(ray), "ray {i}: {ray:?}");
+            if i % 25 == 4 && ray.t_min != f32::NEG_INFINITY {
+                let expected = brute.nearest(ray);
+                assert_same_hit(hits[i], expected, &triangles, || format!("ray {i}: {ray:?}"));
+                assert_eq!(blocked[i], expected.is_some(), "ray {i}: {ray:?}");
+            }
         }
     }
 }

@@ -48,7 +48,7 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
 
     let mesh = PatchMesh::subdivide(&scene, subdivision(arguments, &description))?;
     let settings = settings(arguments, &mesh)?;
-    let rays = settings.expected_rays(&mesh) + frame.rays();
+    let rays = settings.expected_rays(&mesh).saturating_add(frame.rays());
     let effort = Effort::for_rays(scene.triangles.len(), rays);
     let caster = AnyBvh::build(&scene.triangles, effort, arguments.kernel.into());
     let camera = match &description.camera {

@@ -88,7 +88,7 @@ impl Kernel for MollerTrumbore {
             if u > band && v > band && w > band {
                 let t = d.t * sign / det;
                 // Where products overflow, an infinite t is no hit.
-                return (t > ray.t_min && t <= ray.t_max.min(f32::MAX)).then_some((
+                return (t > ray.t_min && t <= ray.t_max && t <= f32::MAX).then_some((
                     t,
                     u / det,
                     v / det,
@@ -125,7 +125,8 @@ pub fn intersect_seam(ray: &Ray, triangle: &Triangle) -> Option<(f32, f32, f32)>
     // From the edges: n·d = u + v + w cancels if the triangle is far away.
     let normal = (b - a).cross(c - a);
     let t = (normal.dot(a) / normal.dot(d)) as f32;
-    let hit = inside && sum != 0.0 && t > ray.t_min && t <= ray.t_max.min(f32::MAX);
+    let in_interval = t > ray.t_min && t <= ray.t_max && t <= f32::MAX;
+    let hit = inside && sum != 0.0 && in_interval;
     hit.then_some((t, (u / sum) as f32, (v / sum) as f32))
 }
 
