@@ -26,7 +26,7 @@ pub struct Parts {
 /// How much time a build may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// Less than Embree's best build takes.
+    /// Less than Embree's best build takes, but for a few dozen triangles.
     Quick,
     /// Two to three times as much, and more on a few dozen triangles.
     Thorough,
