@@ -23,7 +23,7 @@ struct List {
 impl List {
     const EMPTY: List = List { members: [0; FLIGHTS], count: 0 };
 
-    /// Adds a flight if `is_member`, without a branch.
+    /// Adds a flight if `is_member`, without a branch. Each is sorted in once a turn, so there is room.
     #[inline(always)]
     fn add_if(&mut self, is_member: bool, flight: usize) {
         self.members[self.count % FLIGHTS] = flight as u8;
