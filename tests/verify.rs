@@ -31,6 +31,25 @@ fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
     }
 }
 
+/// One machine stands for many: Embree is forced to each instruction set that the processor has.
+#[cfg(feature = "embree")]
+#[test]
+fn no_answer_of_ours_is_wrong_whichever_instruction_set_embree_traces_with() {
+    for isa in isolux::oracle::Isa::available() {
+        let name = isa.config().trim_start_matches("isa=");
+        for scene in ["cornell-box", "furnace"] {
+            let path = format!("scenes/{scene}.toml");
+            let verdicts = verify(&path, &["--rays", "50000", "--embree-isa", name]);
+            let oracle = verdicts["oracle"].as_str().expect("a name");
+            assert!(oracle.starts_with("Embree 4.") && oracle.contains(&format!("({isa})")));
+            let count = |what: &str| verdicts[what].as_u64().expect(what);
+            assert_eq!(count("native_wrong") + count("both_wrong"), 0, "{oracle}: {verdicts:#}");
+            let asked = &verdicts["by_caster"]["Embree robust packets"];
+            assert!(asked["agree"].as_u64() > Some(50_000), "{oracle}: {asked}");
+        }
+    }
+}
+
 #[test]
 fn the_same_seed_gives_the_same_verdicts() {
     let ask = |seed: &str| verify("scenes/furnace.toml", &["--rays", "5000", "--seed", seed]);

@@ -220,8 +220,7 @@ mod embree {
     }
 
     pub fn oracle() -> Result<String> {
-        let device = Device::new("")?;
-        Ok(format!("Embree {} ({})", device.version(), device.isa()))
+        Ok(Device::new("")?.description())
     }
 
     /// Of Embree's default kernel, at its highest quality.

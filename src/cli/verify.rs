@@ -5,10 +5,14 @@ mod pipeline;
 use super::{complain, progress, say, warn};
 use crate::bvh::Bvh;
 use crate::equivalence::Summary;
+#[cfg(feature = "embree")]
+use crate::error::Error;
 use crate::error::Result;
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
+#[cfg(feature = "embree")]
+use crate::oracle::Isa;
 use crate::scene::{Camera, Description, Scene};
 use crate::verify::bounds::Arithmetic;
 use crate::verify::grid::{Grid, GridFinding};
@@ -57,9 +61,77 @@ pub struct Arguments {
     /// precision, magenta for a wrong peer, red for a wrong answer of ours or no explanation
     #[arg(long, value_name = "FILE")]
     diff_image: Option<PathBuf>,
+
+    /// The instruction set that Embree traces with: its approximate reciprocals, and with them the last
+    /// bits of its answers, differ from one to the next. `all`: a report for each that this
+    /// processor has [default: Embree's choice]
+    #[cfg(feature = "embree")]
+    #[arg(long, value_name = "ISA")]
+    embree_isa: Option<IsaName>,
+}
+
+/// What `--embree-isa` takes.
+#[cfg(feature = "embree")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum IsaName {
+    Sse2,
+    #[value(name = "sse4.2")]
+    Sse42,
+    Avx,
+    Avx2,
+    Avx512,
+    All,
+}
+
+#[cfg(feature = "embree")]
+impl IsaName {
+    /// `None` for all of them.
+    fn isa(self) -> Option<Isa> {
+        match self {
+            IsaName::Sse2 => Some(Isa::Sse2),
+            IsaName::Sse42 => Some(Isa::Sse42),
+            IsaName::Avx => Some(Isa::Avx),
+            IsaName::Avx2 => Some(Isa::Avx2),
+            IsaName::Avx512 => Some(Isa::Avx512),
+            IsaName::All => None,
+        }
+    }
+}
+
+/// How Embree is to be configured, in its notation: one report for each.
+#[cfg(feature = "embree")]
+fn embree_configurations(arguments: &Arguments) -> Result<Vec<&'static str>> {
+    let Some(name) = arguments.embree_isa else {
+        return Ok(vec![""]);
+    };
+    if let Some(isa) = name.isa() {
+        return Ok(vec![isa.config()]);
+    }
+    if arguments.json.is_some() || arguments.diff_image.is_some() {
+        return Err(Error::new("--embree-isa all makes several reports, and files hold one")
+            .remedy("name one instruction set, or leave --json and --diff-image out"));
+    }
+    Ok(Isa::available().into_iter().map(Isa::config).collect())
+}
+
+#[cfg(not(feature = "embree"))]
+fn embree_configurations(_: &Arguments) -> Result<Vec<&'static str>> {
+    Ok(vec![""])
 }
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let mut worst = ExitCode::SUCCESS;
+    for embree in embree_configurations(arguments)? {
+        let code = verify(arguments, embree)?;
+        if code != ExitCode::SUCCESS {
+            worst = code;
+        }
+    }
+    Ok(worst)
+}
+
+/// One report. `embree` is Embree's configuration.
+fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     let outputs: Vec<&Path> =
         arguments.json.iter().chain(&arguments.diff_image).map(PathBuf::as_path).collect();
     arguments.diff_image.as_deref().map(Format::of).transpose()?;
@@ -75,7 +147,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         None => Camera::fitted(&scene.triangles, &native),
     };
     let source = RaySource::new(&scene, &camera, arguments.seed);
-    let (peers, oracle) = peers(&scene.triangles)?;
+    let (peers, oracle) = peers(&scene.triangles, embree)?;
     let scenery = (&description, &scene, &camera);
     let pipeline = arguments
         .diff_image
@@ -88,8 +160,8 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     bar.finish_and_clear();
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
-    let unruly = survey_unruly(arguments)?;
-    let grid = ask_grids(arguments)?;
+    let unruly = survey_unruly(arguments, embree)?;
+    let grid = ask_grids(arguments, embree)?;
 
     let built_in = BuiltIn { unruly: by_caster(&unruly), grid };
     let verdict = Report {
@@ -139,11 +211,11 @@ fn built_in_rays(arguments: &Arguments) -> u64 {
 }
 
 /// Every kind of ray about the unruly mesh.
-fn survey_unruly(arguments: &Arguments) -> Result<Vec<Finding>> {
+fn survey_unruly(arguments: &Arguments, embree: &str) -> Result<Vec<Finding>> {
     let (scene, camera) = unruly_scene(arguments.seed);
     let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
     let source = RaySource::new(&scene, &camera, arguments.seed);
-    let (peers, _) = peers(&scene.triangles)?;
+    let (peers, _) = peers(&scene.triangles, embree)?;
     let (rays, quiet) = (built_in_rays(arguments), ProgressBar::hidden());
     Ok(survey(&scene.triangles, &native, &peers, &source, rays, &quiet))
 }
@@ -153,10 +225,10 @@ fn by_caster(findings: &[Finding]) -> BTreeMap<&'static str, Tally> {
 }
 
 /// Every tracer, the native one first, on both integer grids.
-fn ask_grids(arguments: &Arguments) -> Result<Vec<GridFinding>> {
+fn ask_grids(arguments: &Arguments, embree: &str) -> Result<Vec<GridFinding>> {
     let rays = built_in_rays(arguments) / 2;
     let ask = |grid: Grid| {
-        let (mut casters, _) = peers(&grid.triangles)?;
+        let (mut casters, _) = peers(&grid.triangles, embree)?;
         casters.insert(
             0,
             Peer {
@@ -175,7 +247,7 @@ fn ask_grids(arguments: &Arguments) -> Result<Vec<GridFinding>> {
 }
 
 /// Everyone to hold the native tracer against, and what is known of the oracle among them.
-fn peers(triangles: &[Triangle]) -> Result<(Vec<Peer<'_>>, String)> {
+fn peers<'t>(triangles: &'t [Triangle], embree: &str) -> Result<(Vec<Peer<'t>>, String)> {
     let native = |name, caster: Box<dyn RayCaster>, arithmetic, single| Peer {
         name,
         caster,
@@ -195,14 +267,18 @@ fn peers(triangles: &[Triangle]) -> Result<(Vec<Peer<'_>>, String)> {
         peers.push(native("brute force", brute_cramer, cramer, false));
         peers.push(native("brute force plane", brute_plane, plane, false));
     }
-    let oracle = add_embree(&mut peers, triangles)?;
+    let oracle = add_embree(&mut peers, triangles, embree)?;
     Ok((peers, oracle))
 }
 
 #[cfg(feature = "embree")]
-fn add_embree<'t>(peers: &mut Vec<Peer<'t>>, triangles: &'t [Triangle]) -> Result<String> {
+fn add_embree<'t>(
+    peers: &mut Vec<Peer<'t>>,
+    triangles: &'t [Triangle],
+    configuration: &str,
+) -> Result<String> {
     use crate::oracle::{Device, EmbreeScene, Options, Packets};
-    let device = Device::new("")?;
+    let device = Device::new(configuration)?;
     for (robust, arithmetic, single, batched) in [
         (false, Arithmetic::EmbreeDefault, "Embree single", "Embree packets"),
         (true, Arithmetic::EmbreeRobust, "Embree robust single", "Embree robust packets"),
@@ -220,11 +296,11 @@ fn add_embree<'t>(peers: &mut Vec<Peer<'t>>, triangles: &'t [Triangle]) -> Resul
             });
         }
     }
-    Ok(format!("Embree {} ({})", device.version(), device.isa()))
+    Ok(device.description())
 }
 
 #[cfg(not(feature = "embree"))]
-fn add_embree(_: &mut Vec<Peer>, _: &[Triangle]) -> Result<String> {
+fn add_embree(_: &mut Vec<Peer>, _: &[Triangle], _: &str) -> Result<String> {
     Ok("without Embree; to ask it too, build with --features embree (see the README)".into())
 }
 

@@ -1,7 +1,7 @@
 //! An Embree device: the library, configured, with its errors and its memory watched.
 
 use super::layout::{RTC_VERSION_MAJOR, RTC_VERSION_MINOR};
-use super::{error, memory, memory::Memory};
+use super::{Isa, error, memory, memory::Memory};
 use crate::error::{Error, Result};
 use embree4_sys::{
     RTCDevice, RTCDeviceProperty as Property, rtcGetDeviceProperty, rtcNewDevice, rtcReleaseDevice,
@@ -18,6 +18,8 @@ pub struct Device {
 #[derive(Debug)]
 struct Inner {
     handle: RTCDevice,
+    /// In Embree's notation.
+    config: String,
     memory: Arc<Memory>,
     /// Held while a scene grows or goes, so that the memory that comes or goes is known to be its.
     building: Mutex<()>,
@@ -46,7 +48,7 @@ impl Device {
                 .remedy("write it as in \"threads=2,isa=avx2\", or leave it empty"));
         }
         let memory = Arc::new(Memory::new());
-        let inner = Inner { handle, memory, building: Mutex::new(()) };
+        let inner = Inner { handle, config: config.into(), memory, building: Mutex::new(()) };
         error::listen(handle);
         // SAFETY: `inner` owns both, and ends the watch before it lets go of the memory.
         unsafe { memory::watch(handle, Arc::as_ptr(&inner.memory)) };
@@ -81,20 +83,18 @@ impl Device {
             .join(".")
     }
 
-    /// The instruction set that Embree traces with, as far as its interface tells.
-    ///
-    /// It does not name it, but says which packets it can trace natively: 16 rays take AVX-512, 8
-    /// take AVX (AVX2 or plain AVX), 4 take SSE.
-    pub fn isa(&self) -> &'static str {
-        let native = |width| self.property(width) != 0;
-        if native(Property::NATIVE_RAY16_SUPPORTED) {
-            "AVX-512"
-        } else if native(Property::NATIVE_RAY8_SUPPORTED) {
-            "AVX or AVX2"
-        } else if native(Property::NATIVE_RAY4_SUPPORTED) {
-            "SSE"
-        } else {
-            "no packets"
+    /// The instruction set that Embree traces with: the one that the configuration asks for, or the
+    /// newest that can be had. `None` if Embree runs on a processor that [`Isa`] does not know.
+    pub fn isa(&self) -> Option<Isa> {
+        let asked = |isa: &Isa| self.inner.config.split(',').any(|part| part == isa.config());
+        Isa::ALL.into_iter().find(asked).or_else(|| Isa::available().pop())
+    }
+
+    /// Name, version and instruction set, such as `Embree 4.3.3 (AVX2)`.
+    pub fn description(&self) -> String {
+        match self.isa() {
+            Some(isa) => format!("Embree {} ({isa})", self.version()),
+            None => format!("Embree {}", self.version()),
         }
     }
 
@@ -150,11 +150,18 @@ mod tests {
         assert!(device.version().starts_with(&format!("{RTC_VERSION_MAJOR}.{RTC_VERSION_MINOR}.")));
     }
 
+    /// Embree does not name the set, but says which packets it can trace natively: 16 rays take
+    /// AVX-512, 8 take AVX, 4 take SSE.
     #[test]
     fn the_instruction_set_follows_the_configuration() {
-        assert_eq!(Device::new("isa=sse2").unwrap().isa(), "SSE");
-        let best = Device::new("").unwrap().isa();
-        assert!(["AVX-512", "AVX or AVX2", "SSE"].contains(&best), "{best}");
+        for isa in Isa::available() {
+            let device = Device::new(isa.config()).unwrap();
+            assert_eq!(device.isa(), Some(isa));
+            let native = |width| device.property(width) != 0;
+            assert!(native(Property::NATIVE_RAY4_SUPPORTED), "{isa}");
+            assert_eq!(native(Property::NATIVE_RAY8_SUPPORTED), isa >= Isa::Avx, "{isa}");
+            assert_eq!(native(Property::NATIVE_RAY16_SUPPORTED), isa >= Isa::Avx512, "{isa}");
+        }
     }
 
     #[test]

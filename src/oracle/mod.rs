@@ -32,6 +32,7 @@
 mod cast;
 mod device;
 mod error;
+mod isa;
 pub mod layout;
 mod memory;
 mod packet;
@@ -41,4 +42,5 @@ mod scene;
 mod tests;
 
 pub use device::Device;
+pub use isa::Isa;
 pub use scene::{EmbreeScene, Options, Packets, SceneBuilder};
