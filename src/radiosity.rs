@@ -175,11 +175,12 @@ pub fn solve(
             (transport_time, solution, reciprocity)
         }
     };
-    let rays = estimator.rays() + direct_rays.unwrap_or(0);
-    Ok(balance(mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
+    let light = balance(mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
         row(&estimator, settings.method, i).iter().map(|(_, factor)| factor).sum()
-    })
-    .timed(rays, transport_time, start.elapsed() - transport_time))
+    });
+    // Only now: the balance may have traced rows that shooting never needed.
+    let rays = estimator.rays() + direct_rays.unwrap_or(0);
+    Ok(light.timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
 /// Works out what will be stored, before any of it is.

@@ -411,6 +411,27 @@ fn sampling_the_lamp_loses_no_light_on_average() {
 }
 
 #[test]
+fn rays_of_rows_that_only_the_balance_needs_are_counted() {
+    let scene = open_room();
+    let world = World::new(&scene, 1);
+    // Without an iteration, a matrix takes the rays of every row. Shooting takes no row for the light,
+    // and those of the emitters for the balance. Both take the same rays for the direct light.
+    let rays = |solver| {
+        let settings = Settings {
+            direct_samples: 16,
+            stop: Stop { tolerance: 0.0, iterations: Some(0) },
+            ..settings(Method::Hemisphere, solver)
+        };
+        (light(&world, &settings).rays, settings.samples as u64)
+    };
+    let (by_matrix, samples) = rays(Solver::Matrix(MatrixMethod::Jacobi));
+    let (by_shooting, _) = rays(Solver::Southwell);
+    let dark = all(&world.mesh).filter(|&i| world.mesh.exitance(i) == Rgb::ZERO).count() as u64;
+    assert!(dark > 0 && (dark as usize) < world.mesh.len());
+    assert_eq!(by_shooting, by_matrix - dark * samples);
+}
+
+#[test]
 fn nothing_escapes_from_a_closed_room() {
     let mut walls = room();
     let lamp = walls.split_off(10);
