@@ -242,6 +242,7 @@ fn bad_arguments_are_refused() {
         &["--samples", "10", "--points", "regular"],
         &["--tolerance", "0"],
         &["--tolerance", "nan"],
+        &["--tolerance", "1e-4", "--iterations", "5"],
         &["--exposure", "-1"],
         &["--crease", "inf"],
         &["--threads", "0"],

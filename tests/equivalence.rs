@@ -67,7 +67,7 @@ fn settings(method: Method) -> Settings {
         points: PointSet::Sobol,
         direct_samples: 0,
         solver: Solver::Matrix(MatrixMethod::GaussSeidel),
-        stop: Stop { tolerance: 1e-6, iterations: None },
+        stop: Stop::Tolerance(1e-6),
         seed: 3,
         memory_limit: None,
     }

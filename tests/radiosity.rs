@@ -38,7 +38,7 @@ fn settings(method: Method, solver: Solver) -> Settings {
         points: PointSet::Sobol,
         direct_samples: 0,
         solver,
-        stop: Stop { tolerance: tolerance(solver), iterations: None },
+        stop: Stop::Tolerance(tolerance(solver)),
         seed: 1,
         memory_limit: None,
     }
@@ -419,7 +419,7 @@ fn rays_of_rows_that_only_the_balance_needs_are_counted() {
     let rays = |solver| {
         let settings = Settings {
             direct_samples: 16,
-            stop: Stop { tolerance: 0.0, iterations: Some(0) },
+            stop: Stop::Iterations(0),
             ..settings(Method::Hemisphere, solver)
         };
         (light(&world, &settings).rays, settings.samples as u64)
@@ -621,7 +621,7 @@ fn a_matrix_that_does_not_fit_is_refused_with_both_sizes_and_a_way_out() {
     ] {
         let with = |limit| Settings {
             memory_limit: Some(limit),
-            stop: Stop { tolerance: 1e-3, iterations: None },
+            stop: Stop::Tolerance(1e-3),
             ..settings(method, Solver::Matrix(MatrixMethod::GaussSeidel))
         };
         let message = refusal(&world, &with(4096));

@@ -3,7 +3,7 @@
 use crate::geometry::KernelKind;
 use crate::radiosity::{Method, Solver};
 use crate::sampling::PointSet;
-use crate::solver::MatrixMethod;
+use crate::solver::{MatrixMethod, Stop};
 use clap::ValueEnum;
 use std::path::PathBuf;
 
@@ -78,8 +78,8 @@ pub struct RenderArguments {
           help_heading = "Light")]
     pub tolerance: f64,
 
-    /// Do exactly N iterations (for southwell: shots), whatever the residual
-    #[arg(long, value_name = "N", help_heading = "Light")]
+    /// Do exactly N iterations (for southwell: shots), whatever the residual; not with --tolerance
+    #[arg(long, value_name = "N", conflicts_with = "tolerance", help_heading = "Light")]
     pub iterations: Option<usize>,
 
     /// Ray–triangle intersection: the triangle's plane first, or Cramer's rule at once
@@ -102,6 +102,13 @@ pub struct RenderArguments {
     /// Write the run's figures as JSON
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub stats: Option<PathBuf>,
+}
+
+impl RenderArguments {
+    /// A tolerance beside a number of iterations is refused; its default gives way.
+    pub fn stop(&self) -> Stop {
+        self.iterations.map_or(Stop::Tolerance(self.tolerance), Stop::Iterations)
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]

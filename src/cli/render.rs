@@ -17,7 +17,6 @@ use crate::render::{self, Frame, Image, tone};
 use crate::scene::description::PatchDefaults;
 use crate::scene::topology::Topology;
 use crate::scene::{Camera, Description, Scene};
-use crate::solver::Stop;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -228,7 +227,7 @@ fn settings(arguments: &RenderArguments, mesh: &PatchMesh) -> Result<Settings> {
         points: arguments.points.into(),
         direct_samples: arguments.direct.unwrap_or(if sampled { 64 } else { 0 }),
         solver: arguments.solver.into(),
-        stop: Stop { tolerance: arguments.tolerance, iterations: arguments.iterations },
+        stop: arguments.stop(),
         seed: arguments.seed,
         memory_limit: limit,
     })

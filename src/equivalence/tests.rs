@@ -36,7 +36,7 @@ fn compare(
         points: PointSet::Sobol,
         direct_samples: 16,
         solver: Solver::Matrix(MatrixMethod::GaussSeidel),
-        stop: Stop { tolerance: 1e-4, iterations: None },
+        stop: Stop::Tolerance(1e-4),
         seed: 5,
         memory_limit: None,
     };

@@ -34,12 +34,12 @@ pub enum MatrixMethod {
 }
 
 /// When to stop.
-#[derive(Debug, Clone, Copy)]
-pub struct Stop {
-    /// The relative residual to reach: Σ A|S − (I − ρF)B| / Σ A·S, the worst channel.
-    pub tolerance: f64,
-    /// Exactly so many iterations instead, whatever the residual.
-    pub iterations: Option<usize>,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stop {
+    /// At this relative residual: Σ A|S − (I − ρF)B| / Σ A·S, the worst channel.
+    Tolerance(f64),
+    /// After exactly this many iterations, whatever the residual.
+    Iterations(usize),
 }
 
 /// What a method found.
@@ -165,24 +165,20 @@ impl Stop {
     /// finite, and light that is still above the tolerance after `most` iterations.
     fn reached(&self, done: usize, residuals: &[f64], most: usize) -> Result<bool> {
         let (Some(&first), Some(&last)) = (residuals.first(), residuals.last()) else {
-            return Ok(self.iterations == Some(0));
+            return Ok(matches!(self, Stop::Iterations(0)));
         };
         if last.is_nan() || last > 1e3 * first.max(1.0) {
             return Err(cannot_converge(format!("the residual grew to {last:e}")));
         }
-        if let Some(iterations) = self.iterations {
-            return Ok(done >= iterations);
+        match *self {
+            Stop::Iterations(iterations) => Ok(done >= iterations),
+            Stop::Tolerance(tolerance) if last <= tolerance => Ok(true),
+            Stop::Tolerance(tolerance) if done >= most => Err(cannot_converge(format!(
+                "after {most} iterations the residual is {last:e}, above the tolerance \
+                 {tolerance:e}"
+            ))),
+            Stop::Tolerance(_) => Ok(false),
         }
-        if last <= self.tolerance {
-            return Ok(true);
-        }
-        if done >= most {
-            return Err(cannot_converge(format!(
-                "after {most} iterations the residual is {last:e}, above the tolerance {:e}",
-                self.tolerance
-            )));
-        }
-        Ok(false)
     }
 }
 

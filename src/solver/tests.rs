@@ -17,11 +17,11 @@ fn quiet() -> ProgressBar {
 }
 
 fn to(tolerance: f64) -> Stop {
-    Stop { tolerance, iterations: None }
+    Stop::Tolerance(tolerance)
 }
 
 fn exactly(iterations: usize) -> Stop {
-    Stop { tolerance: 0.0, iterations: Some(iterations) }
+    Stop::Iterations(iterations)
 }
 
 /// A stream of numbers in [0, 1).

@@ -91,7 +91,7 @@ fn settings(mesh: &PatchMesh, seed: u64) -> Settings {
         points: PointSet::Sobol,
         direct_samples: if has_small_emitters(mesh) { DIRECT_SAMPLES } else { 0 },
         solver: Solver::Matrix(MatrixMethod::GaussSeidel),
-        stop: Stop { tolerance: TOLERANCE, iterations: None },
+        stop: Stop::Tolerance(TOLERANCE),
         seed,
         memory_limit: crate::memory::available().map(|bytes| bytes / 5 * 4),
     }
