@@ -13,6 +13,10 @@ impl TriangleId {
     }
 }
 
+/// The most times that a triangle may be split into four, which makes 4¹² pieces of it: any piece's
+/// number fits in 24 bits.
+pub const MAX_LEVEL: u32 = 12;
+
 /// Three vertices, counter-clockwise seen from the front.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triangle {

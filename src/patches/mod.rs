@@ -9,8 +9,8 @@ mod cell;
 
 use crate::color::Rgb;
 use crate::error::{Error, Result};
+pub use crate::geometry::triangle::MAX_LEVEL;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
-pub use crate::scene::description::MAX_LEVEL;
 use crate::scene::{MaterialId, Scene};
 pub use cell::Cell;
 use glam::Vec3;

@@ -4,16 +4,15 @@ use super::obj::text::{decode, read_bytes};
 use super::{Camera, Material};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
+use crate::geometry::triangle::MAX_LEVEL;
 use glam::Vec3;
 use serde::Deserialize;
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// The most pixels along a side of a picture, samples of anything, and times that a triangle may be
-/// split, which makes 4¹² patches of it.
+/// The most pixels along a side of a picture, and samples of anything.
 pub const MAX_SIZE: u32 = 1 << 16;
 pub const MAX_SAMPLES: u32 = 1 << 20;
-pub const MAX_LEVEL: u32 = 12;
 
 /// What a description file says. A bare model is a description that says only its name.
 #[derive(Debug, Clone)]
