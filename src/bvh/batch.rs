@@ -3,8 +3,8 @@
 use super::flights::{FLIGHTS, fly};
 use super::lanes::PreparedRay;
 use super::leaf_kernel::LeafKernel;
-use super::packet::{Group, together};
 use super::stream::Stream;
+use super::together::{Group, together};
 use super::traverse::Entry;
 use super::{Bvh, WIDTH};
 use crate::geometry::{Hit, Ray};

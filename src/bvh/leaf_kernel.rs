@@ -1,8 +1,8 @@
 //! The intersection kernels on eight lanes: a ray and eight triangles, or eight rays and a triangle.
 
-use super::WIDTH;
 use super::lanes::RayLanes;
 use super::leaf::Leaf;
+use super::met::Met;
 use super::packet::Packet;
 use crate::geometry::moller_trumbore::{determinants, intersect_seam};
 use crate::geometry::{Kernel, MollerTrumbore, Plane, Ray};
@@ -30,54 +30,6 @@ pub trait LeafKernel: Kernel {
     ) -> Met<S> {
         Met::none(rays.simd)
             .with(rays.simd, active, |lane| Self::intersect(&rays.ray(lane), leaf.triangle(number)))
-    }
-}
-
-/// The lanes that are hit, and where: u and v are still to be divided by `det`.
-pub struct Met<S: Simd> {
-    pub lanes: mask32x8<S>,
-    pub t: f32x8<S>,
-    pub u: f32x8<S>,
-    pub v: f32x8<S>,
-    pub det: f32x8<S>,
-}
-
-impl<S: Simd> Met<S> {
-    #[inline(always)]
-    fn none(simd: S) -> Self {
-        let zero = f32x8::splat(simd, 0.0);
-        Met { lanes: mask32x8::splat(simd, false), t: zero, u: zero, v: zero, det: zero }
-    }
-
-    /// The same with the hits that `intersect` finds in the lanes of `mask`.
-    #[inline(always)]
-    fn with(
-        self,
-        simd: S,
-        mut mask: u64,
-        intersect: impl Fn(usize) -> Option<(f32, f32, f32)>,
-    ) -> Self {
-        let mut lanes = self.lanes.to_bitmask();
-        let mut t: [f32; WIDTH] = self.t.into();
-        let mut u: [f32; WIDTH] = self.u.into();
-        let mut v: [f32; WIDTH] = self.v.into();
-        let mut det: [f32; WIDTH] = self.det.into();
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            if let Some(hit) = intersect(lane) {
-                (t[lane], u[lane], v[lane]) = hit;
-                det[lane] = 1.0;
-                lanes |= 1 << lane;
-            }
-        }
-        Met {
-            lanes: mask32x8::from_bitmask(simd, lanes),
-            t: f32x8::load_array(simd, t),
-            u: f32x8::load_array(simd, u),
-            v: f32x8::load_array(simd, v),
-            det: f32x8::load_array(simd, det),
-        }
     }
 }
 

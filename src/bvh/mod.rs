@@ -6,9 +6,11 @@
 //! | `collapse` | which descendants a node adopts, at the least cost |
 //! | `node` | eight boxes |
 //! | `leaf`, `leaf_kernel` | triangles as leaves hold them; the kernels on eight lanes |
+//! | `met` | the answer of a kernel |
 //! | `lanes`, `traverse` | one ray against eight boxes; its walk |
 //! | `flights` | many rays, each a step at a time |
-//! | `packet`, `beam` | eight rays that stay together; what contains them |
+//! | `packet`, `beam` | eight rays, one per lane; what contains them |
+//! | `together` | the walk of a packet, as long as its rays stay together |
 //! | `stream` | a batch through a small hierarchy, node by node |
 //! | `batch` | which of these ways a batch takes |
 //! | `simd` | the instruction set |
@@ -26,6 +28,7 @@ mod flights;
 mod lanes;
 mod leaf;
 mod leaf_kernel;
+mod met;
 #[cfg(test)]
 pub(crate) mod mutants;
 mod node;
@@ -34,6 +37,7 @@ pub mod simd;
 mod stream;
 #[cfg(test)]
 mod tests;
+mod together;
 mod traverse;
 
 use crate::geometry::bounds::Bounds;

@@ -5,7 +5,8 @@
 
 use super::lanes::{PreparedRay, RayLanes, STRETCH};
 use super::leaf::Leaf;
-use super::leaf_kernel::{LeafKernel, Met};
+use super::leaf_kernel::LeafKernel;
+use super::met::Met;
 use super::node::Node;
 use super::{Bvh, Child, Kind, WIDTH};
 use crate::geometry::{Hit, Ray, TriangleId};

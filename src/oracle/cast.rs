@@ -4,8 +4,9 @@
 //! promises nothing for hits exactly at an interval's ends. Its kernels are in fact as exact as
 //! ours there, but its packet traversal drops a box that is entered just where the interval ends.
 
-use super::layout::{RTCHit, RTCRay, RTCRayHit};
+use super::layout::{RTCHit, RTCRayHit};
 use super::packet::{Packet4, Packet8, Packet16, nearest_in_packets, occluded_in_packets};
+use super::query::BLOCKED;
 use super::{EmbreeScene, Packets};
 use crate::geometry::{Hit, Ray, RayCaster};
 use embree4_sys::{RTC_INVALID_GEOMETRY_ID, rtcIntersect1, rtcOccluded1};
@@ -50,52 +51,6 @@ impl RayCaster for EmbreeScene {
             Packets::Packet4 => occluded_in_packets::<Packet4, 4>(self, rays, blocked),
             Packets::Packet8 => occluded_in_packets::<Packet8, 8>(self, rays, blocked),
             Packets::Packet16 => occluded_in_packets::<Packet16, 16>(self, rays, blocked),
-        }
-    }
-}
-
-/// What Embree writes into `tfar` of an occluded ray.
-pub(super) const BLOCKED: f32 = f32::NEG_INFINITY;
-
-impl EmbreeScene {
-    /// The ray as Embree takes it. `None` for a ray that can hit nothing: one whose interval is
-    /// empty, or with NaN or infinity in its origin or direction, which Embree leaves undefined.
-    pub(super) fn embree_ray(&self, ray: &Ray) -> Option<RTCRay> {
-        let traceable = ray.origin.is_finite() && ray.direction.is_finite();
-        let start = self.start(ray.t_min);
-        if !(traceable && ray.t_min < ray.t_max && start <= ray.t_max) {
-            return None;
-        }
-        let [org_x, org_y, org_z] = ray.origin.to_array();
-        let [dir_x, dir_y, dir_z] = ray.direction.to_array();
-        let (tnear, tfar, mask) = (start, ray.t_max, u32::MAX);
-        let (time, id, flags) = (0.0, 0, 0);
-        Some(RTCRay {
-            org_x,
-            org_y,
-            org_z,
-            tnear,
-            dir_x,
-            dir_y,
-            dir_z,
-            time,
-            tfar,
-            mask,
-            id,
-            flags,
-        })
-    }
-
-    /// The `tnear` with which Embree's interval is ours, (`t_min`, `t_max`].
-    ///
-    /// That of the default kernel, `absDen * tnear < T`, is open at `tnear`, but the robust one,
-    /// `tnear <= t`, is closed, and so begins one number later. Neither looks behind the origin:
-    /// Embree wants no negative `tnear`.
-    fn start(&self, t_min: f32) -> f32 {
-        match self.options().robust {
-            _ if t_min < 0.0 => 0.0,
-            true => t_min.next_up(),
-            false => t_min,
         }
     }
 }

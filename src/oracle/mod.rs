@@ -36,6 +36,7 @@ mod isa;
 pub mod layout;
 mod memory;
 mod packet;
+mod query;
 mod scene;
 
 #[cfg(test)]

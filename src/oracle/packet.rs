@@ -4,11 +4,11 @@
 //! which lanes count. The last packet of a batch may be partly empty.
 
 use super::EmbreeScene;
-use super::cast::BLOCKED;
 use super::layout::{
     RTCHit4, RTCHit8, RTCHit16, RTCRay, RTCRay4, RTCRay8, RTCRay16, RTCRayHit4, RTCRayHit8,
     RTCRayHit16,
 };
+use super::query::BLOCKED;
 use crate::geometry::{Hit, Ray};
 use embree4_sys::{
     RTC_INVALID_GEOMETRY_ID, rtcIntersect4, rtcIntersect8, rtcIntersect16, rtcOccluded4,

@@ -6,6 +6,7 @@
 //! [`Cell`].
 
 mod cell;
+mod surface_point;
 
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -14,6 +15,7 @@ use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use crate::scene::{MaterialId, Scene};
 pub use cell::Cell;
 use glam::Vec3;
+pub use surface_point::SurfacePoint;
 
 /// Number of a patch, counted over the whole scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

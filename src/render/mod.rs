@@ -6,12 +6,12 @@ pub mod tone;
 
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
-use crate::patches::PatchMesh;
+use crate::patches::{PatchMesh, SurfacePoint};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
 use indicatif::ProgressBar;
 use rayon::prelude::*;
-use shading::{Shading, SurfacePoint};
+use shading::Shading;
 
 /// Linear radiance in W·sr⁻¹·m⁻², row by row from the top left.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,31 +2,8 @@
 
 use super::smooth::VertexIrradiance;
 use crate::color::{Rgb, Rgb64};
-use crate::geometry::{Hit, Ray};
-use crate::patches::{Cell, PatchId, PatchMesh, Side};
+use crate::patches::{PatchId, PatchMesh, SurfacePoint};
 use std::f32::consts::PI;
-
-/// Where a ray met a lit side, down to the patch and the place within it.
-pub struct SurfacePoint<'m> {
-    pub side: &'m Side,
-    pub side_number: usize,
-    pub cell: Cell,
-    pub patch: PatchId,
-    /// Barycentrics (λ₁, λ₂) within the patch.
-    pub l1: f32,
-    pub l2: f32,
-}
-
-impl<'m> SurfacePoint<'m> {
-    /// `None` on the black back of a one-sided triangle.
-    #[inline]
-    pub fn hit(mesh: &'m PatchMesh, ray: &Ray, hit: &Hit) -> Option<Self> {
-        let side = mesh.side_hit(ray, hit)?;
-        let (cell, l1, l2) = Cell::containing(side.level, hit.u, hit.v);
-        let patch = PatchId(side.first.0 + cell.number(side.level));
-        Some(SurfacePoint { side, side_number: mesh.side_number(patch), cell, patch, l1, l2 })
-    }
-}
 
 /// Radiance at a point of a lit side, equal in all directions.
 pub trait Shading: Sync {

@@ -9,9 +9,8 @@
 //! Where a finely split triangle meets a coarser one, the fine one's extra vertices along the common
 //! edge take the value that the coarse one interpolates there: without it the picture would crack.
 
-use super::shading::SurfacePoint;
 use crate::color::{Rgb, Rgb64};
-use crate::patches::{Cell, PatchMesh, Side};
+use crate::patches::{Cell, PatchMesh, Side, SurfacePoint};
 use crate::scene::topology::Topology;
 
 /// Irradiance in W·m⁻² at the lattice points of every side.
