@@ -19,7 +19,7 @@ impl<S: Simd> Met<S> {
         Met { lanes: mask32x8::splat(simd, false), t: zero, u: zero, v: zero, det: zero }
     }
 
-    /// The same with the hits that `intersect` finds in the lanes of `mask`.
+    /// This answer with the hits that `intersect` finds in the lanes of `mask`.
     #[inline(always)]
     pub fn with(
         self,

@@ -4,7 +4,7 @@ use super::EmbreeScene;
 use super::layout::RTCRay;
 use crate::geometry::Ray;
 
-/// What Embree writes into `tfar` of an occluded ray.
+/// The value that Embree writes into `tfar` of an occluded ray.
 pub(super) const BLOCKED: f32 = f32::NEG_INFINITY;
 
 impl EmbreeScene {
