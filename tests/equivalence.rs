@@ -37,7 +37,7 @@ fn load(name: &str) -> (Scene, Description) {
 /// Embree's approximate reciprocal differs between instruction sets: each that the processor has is held
 /// against the native tracer, so that one machine stands for many.
 fn for_each_embree(mut check: impl FnMut(Isa, bool)) {
-    for isa in Isa::available() {
+    for isa in Device::available_isas() {
         for robust in [false, true] {
             check(isa, robust);
         }

@@ -35,7 +35,7 @@ fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
 #[cfg(feature = "embree")]
 #[test]
 fn no_answer_of_ours_is_wrong_whichever_instruction_set_embree_traces_with() {
-    for isa in isolux::oracle::Isa::available() {
+    for isa in isolux::oracle::Device::available_isas() {
         let name = isa.config().trim_start_matches("isa=");
         for scene in ["cornell-box", "furnace"] {
             let path = format!("scenes/{scene}.toml");

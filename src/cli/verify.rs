@@ -12,7 +12,7 @@ use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 #[cfg(feature = "embree")]
-use crate::oracle::Isa;
+use crate::oracle::{Device, Isa};
 use crate::scene::{Camera, Description, Scene};
 use crate::verify::bounds::Arithmetic;
 use crate::verify::grid::{Grid, GridFinding};
@@ -111,7 +111,7 @@ fn embree_configurations(arguments: &Arguments) -> Result<Vec<&'static str>> {
         return Err(Error::new("--embree-isa all makes several reports, and files hold one")
             .remedy("name one instruction set, or leave --json and --diff-image out"));
     }
-    Ok(Isa::available().into_iter().map(Isa::config).collect())
+    Ok(Device::available_isas().into_iter().map(Isa::config).collect())
 }
 
 #[cfg(not(feature = "embree"))]
@@ -277,7 +277,7 @@ fn add_embree<'t>(
     triangles: &'t [Triangle],
     configuration: &str,
 ) -> Result<String> {
-    use crate::oracle::{Device, EmbreeScene, Options, Packets};
+    use crate::oracle::{EmbreeScene, Options, Packets};
     let device = Device::new(configuration)?;
     for (robust, arithmetic, single, batched) in [
         (false, Arithmetic::EmbreeDefault, "Embree single", "Embree packets"),

@@ -83,11 +83,17 @@ impl Device {
             .join(".")
     }
 
+    /// The instruction sets that both the processor and the installed library have, the oldest first.
+    /// Embree refuses a device of any other.
+    pub fn available_isas() -> Vec<Isa> {
+        Isa::ALL.into_iter().filter(|isa| Device::new(isa.config()).is_ok()).collect()
+    }
+
     /// The instruction set that Embree traces with: the one that the configuration asks for, or the
     /// newest that can be had. `None` if Embree runs on a processor that [`Isa`] does not know.
     pub fn isa(&self) -> Option<Isa> {
         let asked = |isa: &Isa| self.inner.config.split(',').any(|part| part == isa.config());
-        Isa::ALL.into_iter().find(asked).or_else(|| Isa::available().pop())
+        Isa::ALL.into_iter().find(asked).or_else(|| Device::available_isas().pop())
     }
 
     /// Name, version and instruction set, such as `Embree 4.3.3 (AVX2)`.
@@ -150,11 +156,19 @@ mod tests {
         assert!(device.version().starts_with(&format!("{RTC_VERSION_MAJOR}.{RTC_VERSION_MINOR}.")));
     }
 
+    #[test]
+    fn every_x86_64_processor_has_the_oldest_and_the_default_is_the_newest() {
+        let available = Device::available_isas();
+        assert_eq!(available.first(), Some(&Isa::Sse2));
+        assert!(available.is_sorted());
+        assert_eq!(Device::new("").unwrap().isa(), available.last().copied());
+    }
+
     /// Embree does not name the set, but says which packets it can trace natively: 16 rays take
     /// AVX-512, 8 take AVX, 4 take SSE.
     #[test]
     fn the_instruction_set_follows_the_configuration() {
-        for isa in Isa::available() {
+        for isa in Device::available_isas() {
             let device = Device::new(isa.config()).unwrap();
             assert_eq!(device.isa(), Some(isa));
             let native = |width| device.property(width) != 0;
