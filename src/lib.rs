@@ -23,6 +23,7 @@
 //! | 5 | [`form_factor`], [`coverage`] | pairwise and hemispherical estimates, direct light; what is covered |
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
+//! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
 //! | 8 | [`render`], [`export`] | flat and smooth pictures, exposure; files that appear whole |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
 //! | 9 | [`mod@bench`] | rays per second beside Embree's, on scenes made in memory |
@@ -80,5 +81,6 @@ pub mod radiosity;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod solution;
 pub mod solver;
 pub mod verify;

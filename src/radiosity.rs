@@ -14,6 +14,7 @@ use crate::patches::{PatchId, PatchMesh};
 use crate::sampling::PointSet;
 use crate::solver::{MatrixMethod, Problem, Solution, Stop};
 use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -64,7 +65,7 @@ impl Settings {
 }
 
 /// Power per channel in watts.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Energy {
     pub emitted: Rgb64,
     /// By fronts that the light reached.

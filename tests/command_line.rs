@@ -489,3 +489,91 @@ fn a_closed_pipe_is_no_panic() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!said.contains("panicked"), "{said}");
 }
+
+impl Room {
+    fn solve(&self, scene: &str, output: &str, more: &[&str]) -> Command {
+        let mut command = isolux();
+        command.arg("solve").arg(self.path(scene)).arg("-o").arg(self.path(output));
+        command.args(["--levels", "2"]).args(more);
+        command
+    }
+
+    /// A picture of solved light, without the options of light.
+    fn show(&self, light: &str, output: &str, more: &[&str]) -> Command {
+        let mut command = isolux();
+        command.arg("render").arg(self.path(light)).arg("-o").arg(self.path(output));
+        command.args(["--size", "32x24", "--spp", "4"]).args(more);
+        command
+    }
+}
+
+#[test]
+fn solved_light_gives_the_bytes_of_the_whole_run() {
+    let room = Room::new();
+    room.render("room.toml", &["--shading", "flat,smooth"]).assert().success();
+    let expected =
+        ["out-flat.png", "out-smooth.png"].map(|name| fs::read(room.path(name)).unwrap());
+    room.solve("room.toml", "room.light", &[]).assert().success();
+    // The light holds the scene: nothing else is read.
+    for name in ["room.toml", "room.obj", "room.mtl"] {
+        fs::remove_file(room.path(name)).unwrap();
+    }
+    room.show("room.light", "out.png", &["--shading", "flat,smooth"]).assert().success();
+    let found = ["out-flat.png", "out-smooth.png"].map(|name| fs::read(room.path(name)).unwrap());
+    assert!(found == expected);
+}
+
+#[test]
+fn solving_twice_gives_the_same_bytes_whatever_the_threads() {
+    let room = Room::new();
+    room.solve("room.toml", "a.light", &["--threads", "1"]).assert().success();
+    room.solve("room.toml", "b.light", &["--threads", "2"]).assert().success();
+    let [a, b] = ["a.light", "b.light"].map(|name| fs::read(room.path(name)).unwrap());
+    assert!(a == b);
+    room.solve("room.toml", "c.light", &["--seed", "2"]).assert().success();
+    assert!(a != fs::read(room.path("c.light")).unwrap());
+}
+
+#[test]
+fn one_light_has_many_views() {
+    let room = Room::new();
+    room.solve("room.toml", "room.light", &[]).assert().success();
+    room.show("room.light", "own.png", &[]).assert().success();
+    let described = ["--position", "2,2,9", "--look-at", "2,1,0"];
+    room.show("room.light", "described.png", &described).assert().success();
+    let other = ["--position", "-5,2,2", "--look-at", "2,1,2", "--up", "0,1,0", "--fov", "60"];
+    room.show("room.light", "other.png", &other).assert().success();
+    let [own, described, other] =
+        ["own.png", "described.png", "other.png"].map(|name| fs::read(room.path(name)).unwrap());
+    assert!(own == described && own != other);
+}
+
+#[test]
+fn light_that_is_damaged_foreign_or_solved_otherwise_is_refused() {
+    let room = Room::new();
+    room.solve("room.toml", "room.light", &[]).assert().success();
+    let refused = |command: &mut Command| {
+        let said = command.assert().code(2).get_output().stderr.clone();
+        String::from_utf8(said).expect("UTF-8")
+    };
+    let good = fs::read(room.path("room.light")).unwrap();
+    let mut damaged = good.clone();
+    damaged[good.len() / 2] ^= 4;
+    fs::write(room.path("damaged.light"), damaged).unwrap();
+    fs::write(room.path("cut.light"), &good[..good.len() - 1]).unwrap();
+    fs::copy(room.path("room.obj"), room.path("foreign.light")).unwrap();
+    for (name, why) in
+        [("damaged", "damaged"), ("cut", "cut short"), ("foreign", "not a light file")]
+    {
+        let name = format!("{name}.light");
+        let said = refused(&mut room.show(&name, "out.png", &[]));
+        assert!(said.contains(&name) && said.contains(why) && said.contains("help:"), "{said}");
+    }
+    let said = refused(&mut room.show("room.light", "out.png", &["--samples", "9"]));
+    assert!(said.contains("solved already"), "{said}");
+    let said = refused(&mut room.solve("room.toml", "room.png", &[]));
+    assert!(said.contains(".light"), "{said}");
+    let said = refused(&mut room.show("room.light", "out.png", &["--position", "0,0"]));
+    assert!(said.contains("three numbers"), "{said}");
+    assert!(!room.path("out.png").exists());
+}

@@ -1,16 +1,19 @@
-//! What `isolux render` can be told.
+//! The arguments of `isolux render` and `isolux solve`.
 
+use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
 use crate::radiosity::{Method, Solver};
 use crate::sampling::PointSet;
+use crate::scene::Camera;
 use crate::solver::{MatrixMethod, Stop};
 use clap::ValueEnum;
+use glam::Vec3;
 use std::path::PathBuf;
 
 /// Solve a scene's radiosity and draw it.
 #[derive(clap::Args)]
 pub struct RenderArguments {
-    /// A scene description (.toml) or a model (.obj)
+    /// A scene description (.toml), a model (.obj), or solved light (.light)
     pub scene: PathBuf,
 
     /// Picture to write: .png (sRGB), .exr or .hdr (linear radiance). With several shadings
@@ -41,6 +44,54 @@ pub struct RenderArguments {
     #[arg(long, value_name = "FACTOR", value_parser = parse_positive, help_heading = "Picture")]
     pub exposure: Option<f32>,
 
+    #[command(flatten)]
+    pub view: ViewArguments,
+
+    #[command(flatten)]
+    pub light: LightArguments,
+
+    #[command(flatten)]
+    pub run: RunArguments,
+}
+
+/// A camera from the command line.
+#[derive(clap::Args)]
+pub struct ViewArguments {
+    /// Look from here, in the scene's coordinates [default: the scene's camera, else one that is fitted]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
+          requires = "look_at", help_heading = "Picture")]
+    position: Option<Vec3>,
+
+    /// Look at this point
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
+          requires = "position", help_heading = "Picture")]
+    look_at: Option<Vec3>,
+
+    /// The direction that is up in the picture
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
+          requires = "position", help_heading = "Picture")]
+    up: Option<Vec3>,
+
+    /// Vertical field of view in degrees
+    #[arg(long, value_name = "DEGREES", requires = "position", help_heading = "Picture")]
+    fov: Option<f32>,
+}
+
+impl ViewArguments {
+    /// # Errors
+    /// See [`Camera::new`].
+    pub fn camera(&self) -> Result<Option<Camera>> {
+        let (Some(position), Some(look_at)) = (self.position, self.look_at) else {
+            return Ok(None);
+        };
+        let up = self.up.unwrap_or(Camera::USUAL_UP);
+        Camera::new(position, look_at, up, self.fov.unwrap_or(Camera::USUAL_FOV), 0.0).map(Some)
+    }
+}
+
+/// How the light is solved. Nothing is filled in here, so that what was typed can be told from defaults.
+#[derive(Clone, Default, PartialEq, clap::Args)]
+pub struct LightArguments {
     /// Split every triangle into 4^N patches
     #[arg(long, value_name = "N", conflicts_with = "max_edge", help_heading = "Light")]
     pub levels: Option<u32>,
@@ -51,8 +102,9 @@ pub struct RenderArguments {
     pub max_edge: Option<f64>,
 
     /// How form factors are estimated: samples of each pair of patches, or rays from each patch
-    #[arg(long, default_value = "hemisphere", help_heading = "Light")]
-    pub form_factors: MethodName,
+    /// [default: hemisphere]
+    #[arg(long, help_heading = "Light")]
+    pub form_factors: Option<MethodName>,
 
     /// Samples a pair [default: 9], or rays a patch [default: 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20),
@@ -60,8 +112,9 @@ pub struct RenderArguments {
     pub samples: Option<u32>,
 
     /// Where samples lie: low-discrepancy, independent, or the centroids of a regular subdivision
-    #[arg(long, default_value = "sobol", help_heading = "Light")]
-    pub points: PointsName,
+    /// [default: sobol]
+    #[arg(long, help_heading = "Light")]
+    pub points: Option<PointsName>,
 
     /// Points of the emitters sampled for each patch's direct light; 0 leaves it to the form factors
     /// [default: 64 with --form-factors hemisphere if the emitters are small, else 0]
@@ -69,19 +122,34 @@ pub struct RenderArguments {
           help_heading = "Light")]
     pub direct: Option<u32>,
 
-    /// How the radiosity equation is solved; southwell stores no matrix
-    #[arg(long, default_value = "gauss-seidel", help_heading = "Light")]
-    pub solver: SolverName,
+    /// How the radiosity equation is solved; southwell stores no matrix [default: gauss-seidel]
+    #[arg(long, help_heading = "Light")]
+    pub solver: Option<SolverName>,
 
-    /// Relative residual at which to stop
-    #[arg(long, value_name = "X", default_value_t = 1e-4, value_parser = parse_tolerance,
-          help_heading = "Light")]
-    pub tolerance: f64,
+    /// Relative residual at which to stop [default: 0.0001]
+    #[arg(long, value_name = "X", value_parser = parse_tolerance, help_heading = "Light")]
+    pub tolerance: Option<f64>,
 
     /// Do exactly N iterations (for southwell: shots), whatever the residual; not with --tolerance
     #[arg(long, value_name = "N", conflicts_with = "tolerance", help_heading = "Light")]
     pub iterations: Option<usize>,
 
+    /// The most memory that a matrix may take, in MiB [default: 80 % of what is available]
+    #[arg(long, value_name = "MIB", help_heading = "Light")]
+    pub memory: Option<u64>,
+}
+
+impl LightArguments {
+    /// A tolerance beside a number of iterations is refused; its default gives way.
+    pub fn stop(&self) -> Stop {
+        let tolerance = Stop::Tolerance(self.tolerance.unwrap_or(1e-4));
+        self.iterations.map_or(tolerance, Stop::Iterations)
+    }
+}
+
+/// What every run can be told.
+#[derive(clap::Args)]
+pub struct RunArguments {
     /// Ray–triangle intersection: the triangle's plane first, or Cramer's rule at once
     #[arg(long, default_value = "moller-trumbore", help_heading = "Run")]
     pub kernel: KernelName,
@@ -95,19 +163,21 @@ pub struct RenderArguments {
           help_heading = "Run")]
     pub threads: Option<u32>,
 
-    /// The most memory that a matrix may take, in MiB [default: 80 % of what is available]
-    #[arg(long, value_name = "MIB", help_heading = "Run")]
-    pub memory: Option<u64>,
-
     /// Write the run's figures as JSON
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub stats: Option<PathBuf>,
 }
 
-impl RenderArguments {
-    /// A tolerance beside a number of iterations is refused; its default gives way.
-    pub fn stop(&self) -> Stop {
-        self.iterations.map_or(Stop::Tolerance(self.tolerance), Stop::Iterations)
+impl RunArguments {
+    /// Does `work` with the number of threads that was asked for.
+    pub fn in_pool(&self, work: impl FnOnce() -> Result<()> + Send) -> Result<()> {
+        let mut pool = rayon::ThreadPoolBuilder::new();
+        if let Some(threads) = self.threads {
+            pool = pool.num_threads(threads as usize);
+        }
+        let pool =
+            pool.build().map_err(|e| Error::new(format!("cannot start the threads: {e}")))?;
+        pool.install(work)
     }
 }
 
@@ -149,6 +219,14 @@ fn parse_size(text: &str) -> std::result::Result<[u32; 2], String> {
         Some((Ok(0), _) | (_, Ok(0))) => Err("a picture needs at least one pixel".into()),
         Some((Ok(width), Ok(height))) => Ok([width, height]),
         _ => Err("expected a width and a height such as 640x480".into()),
+    }
+}
+
+fn parse_point(text: &str) -> std::result::Result<Vec3, String> {
+    let numbers: Vec<f32> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, z] if text.split(',').count() == 3 => Ok(Vec3::new(x, y, z)),
+        _ => Err("expected three numbers such as 1,2.5,-3".into()),
     }
 }
 

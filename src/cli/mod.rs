@@ -3,9 +3,11 @@
 mod arguments;
 mod bench;
 mod info;
+mod light;
 mod progress;
 mod render;
 mod report;
+mod solve;
 mod verify;
 
 use crate::error::Result;
@@ -24,6 +26,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Render(Box<arguments::RenderArguments>),
+    Solve(Box<solve::Arguments>),
     Info(info::Arguments),
     Verify(verify::Arguments),
     Bench(bench::Arguments),
@@ -45,6 +48,7 @@ pub fn run() -> ExitCode {
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
         Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Solve(arguments) => solve::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments).map(|()| ExitCode::SUCCESS),

@@ -1,104 +1,109 @@
 //! `isolux render`: from a scene to pictures.
 
-use super::arguments::{PointsName, RenderArguments, ShadingName};
+use super::arguments::{LightArguments, RenderArguments, ShadingName};
+use super::light::Plan;
 use super::report::{Report, Seconds};
 use super::{progress, say, warn};
 use crate::bvh::{AnyBvh, Effort};
-use crate::coverage;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::memory;
-use crate::patches::{PatchMesh, Subdivision};
-use crate::radiosity::{self, Method, Radiosity, Settings};
 use crate::render::shading::{Flat, Shading, Smooth};
 use crate::render::smooth::VertexIrradiance;
 use crate::render::{self, Frame, Image, tone};
-use crate::scene::description::PatchDefaults;
-use crate::scene::topology::Topology;
+use crate::scene::description::ImageDefaults;
 use crate::scene::{Camera, Description, Scene};
+use crate::solution::Solution;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
-/// Patches that the subdivision aims at when nobody says: good and quick for a first picture.
-pub(super) const DEFAULT_PATCHES: usize = 40_000;
-
 pub fn run(arguments: &RenderArguments) -> Result<()> {
-    let mut pool = rayon::ThreadPoolBuilder::new();
-    if let Some(threads) = arguments.threads {
-        pool = pool.num_threads(threads as usize);
-    }
-    let pool = pool.build().map_err(|e| Error::new(format!("cannot start the threads: {e}")))?;
-    pool.install(|| run_in_pool(arguments))
+    arguments.run.in_pool(|| run_in_pool(arguments))
 }
 
 fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
     let start = Instant::now();
     let pictures = pictures(arguments)?;
+    let view = arguments.view.camera()?;
+    let mut times = Seconds::default();
+    if is_light(&arguments.scene) {
+        if arguments.light != LightArguments::default() {
+            return Err(Error::new("the light of a .light file is solved already")
+                .in_file(&arguments.scene)
+                .remedy("leave the options of light out, or render the scene itself"));
+        }
+        check_overwriting(arguments, &pictures, &[&arguments.scene])?;
+        let solution = Solution::load(&arguments.scene)?;
+        let frame = frame_of(arguments, &solution.image, pictures.len())?;
+        times.load = start.elapsed().as_secs_f64();
+        let triangles = &solution.scene.triangles;
+        let effort = Effort::for_rays(triangles.len(), frame.rays());
+        let caster = AnyBvh::build(triangles, effort, arguments.run.kernel.into());
+        times.build = start.elapsed().as_secs_f64() - times.load;
+        return show(arguments, &pictures, &caster, &frame, view, &solution, 0, times, start);
+    }
 
     let description = Description::load(&arguments.scene)?;
-    check_overwriting(arguments, &pictures, &description)?;
-    let scene = Scene::load(&description)?;
+    check_overwriting(arguments, &pictures, &description.inputs())?;
+    let scene = Arc::new(Scene::load(&description)?);
     warn(&scene.warnings);
-    let images = pictures.len();
-    let frame = frame(arguments.size, arguments.spp, arguments.seed, &description, images)?;
-    let load = start.elapsed();
+    let frame = frame_of(arguments, &description.image, pictures.len())?;
+    times.load = start.elapsed().as_secs_f64();
+    let plan = Plan::new(&arguments.light, &arguments.run, &description, &scene)?;
+    let caster = plan.caster(frame.rays());
+    let (solution, rays) = plan.solve(&description, &scene, &caster, &mut times, start)?;
+    show(arguments, &pictures, &caster, &frame, view, &solution, rays, times, start)
+}
 
-    let mesh = PatchMesh::subdivide(&scene, subdivision(arguments, &description))?;
-    let settings = settings(arguments, &mesh)?;
-    let rays = settings.expected_rays(&mesh).saturating_add(frame.rays());
-    let effort = Effort::for_rays(scene.triangles.len(), rays);
-    let caster = AnyBvh::build(&scene.triangles, effort, arguments.kernel.into());
-    let camera = match &description.camera {
-        Some(camera) => camera.clone(),
-        None => Camera::fitted(&scene.triangles, &caster),
-    };
-    let build = start.elapsed() - load;
+/// Whether a file's name says that it holds solved light.
+fn is_light(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("light"))
+}
 
-    let light = radiosity::solve(&caster, &mesh, &settings, &progress::stage)
-        .map_err(|error| error.in_file_if_none(&arguments.scene))?;
-
+/// Draws the pictures, writes them and reports.
+#[allow(clippy::too_many_arguments, reason = "both ways to come by a solution end here")]
+fn show(
+    arguments: &RenderArguments,
+    pictures: &[Picture],
+    caster: &AnyBvh,
+    frame: &Frame,
+    view: Option<Camera>,
+    solution: &Solution,
+    light_rays: u64,
+    mut times: Seconds,
+    start: Instant,
+) -> Result<()> {
     let rendering = Instant::now();
-    let (images, cover_rays) = draw(arguments, &caster, &mesh, &camera, &frame, &pictures, &light);
-    let given = arguments.exposure.or(description.image.exposure);
-    let exposure =
-        given.unwrap_or_else(|| tone::automatic_exposure(&images[0], scene.dimmest_emitter()));
-    let mut outputs = encode(&pictures, &images, exposure)?;
-    let render = rendering.elapsed();
+    let camera = view.as_ref().unwrap_or(&solution.camera);
+    let images = draw(arguments, caster, camera, frame, pictures, solution);
+    let given = arguments.exposure.or(solution.image.exposure);
+    let exposure = given
+        .unwrap_or_else(|| tone::automatic_exposure(&images[0], solution.scene.dimmest_emitter()));
+    let mut outputs = encode(pictures, &images, exposure)?;
+    times.render += rendering.elapsed().as_secs_f64();
+    times.total = start.elapsed().as_secs_f64();
 
+    let files = pictures.iter().map(|picture| picture.path.as_path());
     let report = Report {
-        scene: description.title,
-        triangles: scene.triangles.len(),
-        patches: mesh.len(),
-        open_edges: Topology::new(&scene.triangles).open_edges(),
-        rays: light.rays + cover_rays + frame.rays(),
-        transport_rays: light.rays,
-        peak_memory_bytes: memory::peak(),
-        seconds: Seconds {
-            load: load.as_secs_f64(),
-            build: build.as_secs_f64(),
-            transport: light.transport_time.as_secs_f64(),
-            solve: light.solve_time.as_secs_f64(),
-            render: render.as_secs_f64(),
-            total: start.elapsed().as_secs_f64(),
-        },
-        residuals: light.residuals,
-        iterations: light.iterations,
-        row_sum_defect: light.row_sum_defect,
-        mean_row_sum_defect: light.mean_row_sum_defect,
-        reciprocity_defect: light.reciprocity_defect,
-        energy: light.energy.into(),
-        exposure,
+        exposure: Some(exposure),
         automatic_exposure: given.is_none(),
-        files: pictures.iter().map(|picture| picture.path.to_string_lossy().into()).collect(),
+        rays: light_rays + frame.rays(),
+        ..Report::new(solution, times, files)
     };
-    if let Some(path) = &arguments.stats {
+    if let Some(path) = &arguments.run.stats {
         outputs.push(Output { path: path.clone(), bytes: report.to_json() });
     }
     write_all(outputs)?;
     say(&report.to_text());
     Ok(())
+}
+
+fn frame_of(arguments: &RenderArguments, image: &ImageDefaults, images: usize) -> Result<Frame> {
+    frame(arguments.size, arguments.spp, arguments.run.seed, image, images)
+        .map_err(|error| error.in_file_if_none(&arguments.scene))
 }
 
 /// One picture to be drawn.
@@ -131,7 +136,7 @@ fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             Picture { shading, path, format }
         })
         .collect();
-    for path in pictures.iter().map(|picture| &picture.path).chain(&arguments.stats) {
+    for path in pictures.iter().map(|picture| &picture.path).chain(&arguments.run.stats) {
         check_writable(path)?;
     }
     Ok(pictures)
@@ -141,11 +146,11 @@ fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
 fn check_overwriting(
     arguments: &RenderArguments,
     pictures: &[Picture],
-    description: &Description,
+    inputs: &[&Path],
 ) -> Result<()> {
     let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
-    outputs.extend(arguments.stats.as_deref());
-    check_distinct(&outputs, &description.inputs())
+    outputs.extend(arguments.run.stats.as_deref());
+    check_distinct(&outputs, inputs)
 }
 
 /// room.png becomes room-flat.png.
@@ -159,15 +164,15 @@ fn with_suffix(path: &Path, shading: ShadingName) -> PathBuf {
     path.with_file_name(file)
 }
 
-/// What to draw, if so many images of it fit into memory. What is not given the description says.
+/// What to draw, if so many images of it fit into memory. What is not given the scene says.
 pub(super) fn frame(
     size: Option<[u32; 2]>,
     samples: Option<u32>,
     seed: u64,
-    description: &Description,
+    image: &ImageDefaults,
     images: usize,
 ) -> Result<Frame> {
-    let [width, height] = size.or(description.image.size).unwrap_or([640, 480]);
+    let [width, height] = size.or(image.size).unwrap_or([640, 480]);
     if width == 0 || height == 0 || width > 1 << 16 || height > 1 << 16 {
         return Err(Error::new(format!("a picture of {width}x{height} pixels"))
             .remedy("give a width and a height from 1 to 65536"));
@@ -180,87 +185,41 @@ pub(super) fn frame(
         memory::available(),
         "draw it smaller",
     )?;
-    let samples = samples.or(description.image.samples).unwrap_or(16);
+    let samples = samples.or(image.samples).unwrap_or(16);
     if samples == 0 {
-        return Err(Error::new("0 samples a pixel")
-            .in_file(&description.file)
-            .remedy("give at least one"));
+        return Err(Error::new("0 samples a pixel").remedy("give at least one"));
     }
     Ok(Frame { width, height, samples, seed })
-}
-
-/// Flags come before the description, and the description before the default.
-fn subdivision(arguments: &RenderArguments, description: &Description) -> Subdivision {
-    match (arguments.levels, arguments.max_edge) {
-        (Some(levels), _) => Subdivision::Levels(levels),
-        (None, Some(length)) => Subdivision::MaxEdge(length),
-        (None, None) => {
-            described(&description.patches).unwrap_or(Subdivision::Count(DEFAULT_PATCHES))
-        }
-    }
-}
-
-/// The description's wish, if it has one.
-pub(super) fn described(patches: &PatchDefaults) -> Option<Subdivision> {
-    let levels = patches.levels.map(Subdivision::Levels);
-    levels.or(patches.max_edge.map(|length| Subdivision::MaxEdge(length as f64)))
-}
-
-fn settings(arguments: &RenderArguments, mesh: &PatchMesh) -> Result<Settings> {
-    let method = arguments.form_factors.into();
-    let samples = arguments.samples.unwrap_or(match method {
-        Method::Pairs => 9,
-        Method::Hemisphere => 256,
-    });
-    if arguments.points == PointsName::Regular && samples.isqrt().pow(2) != samples {
-        return Err(Error::new(format!("{samples} regular points"))
-            .remedy("a triangle splits regularly into 1, 4, 9, 16, … parts: give a square"));
-    }
-    let sampled = method == Method::Hemisphere && radiosity::has_small_emitters(mesh);
-    let limit = match arguments.memory {
-        Some(mebibytes) => Some(mebibytes.saturating_mul(1 << 20)),
-        None => memory::available().map(|bytes| bytes / 5 * 4),
-    };
-    Ok(Settings {
-        method,
-        samples,
-        points: arguments.points.into(),
-        direct_samples: arguments.direct.unwrap_or(if sampled { 64 } else { 0 }),
-        solver: arguments.solver.into(),
-        stop: arguments.stop(),
-        seed: arguments.seed,
-        memory_limit: limit,
-    })
 }
 
 fn draw(
     arguments: &RenderArguments,
     caster: &AnyBvh,
-    mesh: &PatchMesh,
     camera: &Camera,
     frame: &Frame,
     pictures: &[Picture],
-    light: &Radiosity,
-) -> (Vec<Image>, u64) {
-    let (uncovered, rays) = coverage::uncovered(caster, mesh);
+    solution: &Solution,
+) -> Vec<Image> {
+    let mesh = solution.patches();
+    let (irradiance, uncovered) = (&solution.irradiance, &solution.uncovered);
     let shadings: Vec<Box<dyn Shading + '_>> = pictures
         .iter()
         .map(|picture| -> Box<dyn Shading> {
             match picture.shading {
-                ShadingName::Flat => Box::new(Flat::new(mesh, &light.irradiance, &uncovered)),
+                ShadingName::Flat => Box::new(Flat::new(&mesh, irradiance, uncovered)),
                 ShadingName::Smooth => {
-                    let (light, crease) = (&light.irradiance, arguments.crease);
-                    let vertices = VertexIrradiance::new(mesh, light, &uncovered, crease);
-                    Box::new(Smooth::new(mesh, vertices))
+                    let crease = arguments.crease;
+                    let vertices = VertexIrradiance::new(&mesh, irradiance, uncovered, crease);
+                    Box::new(Smooth::new(&mesh, vertices))
                 }
             }
         })
         .collect();
     let shadings: Vec<&dyn Shading> = shadings.iter().map(Box::as_ref).collect();
     let bar = progress::bar("render");
-    let images = render::render(caster, mesh, camera, frame, &shadings, &bar);
+    let images = render::render(caster, &mesh, camera, frame, &shadings, &bar);
     bar.finish_and_clear();
-    (images, rays)
+    images
 }
 
 fn encode(pictures: &[Picture], images: &[Image], exposure: f32) -> Result<Vec<Output>> {

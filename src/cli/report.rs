@@ -1,9 +1,13 @@
 //! What a run did: a few lines for people, a JSON file for programs.
 
 use crate::color::Rgb64;
+use crate::memory;
 use crate::radiosity::Energy;
+use crate::scene::topology::Topology;
+use crate::solution::{Figures, Solution};
 use serde::Serialize;
 use std::fmt::Write;
+use std::path::Path;
 
 /// The facts of one run. Times in seconds, energies per channel in watts, defects raw.
 #[derive(Serialize)]
@@ -20,7 +24,7 @@ pub struct Report {
     pub seconds: Seconds,
     /// The relative residual after each iteration; of shooting, after each thousandth of a round.
     pub residuals: Vec<f64>,
-    pub iterations: usize,
+    pub iterations: u64,
     /// The largest |Σ_j F_ij − 1|.
     pub row_sum_defect: f64,
     /// The same, as a mean weighted by area.
@@ -28,7 +32,8 @@ pub struct Report {
     /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `null` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: EnergyBalance,
-    pub exposure: f32,
+    /// `null` where nothing was drawn.
+    pub exposure: Option<f32>,
     pub files: Vec<String>,
     #[serde(skip)]
     pub automatic_exposure: bool,
@@ -62,6 +67,34 @@ impl From<Energy> for EnergyBalance {
 }
 
 impl Report {
+    /// The figures of a run with this solution, before anything is drawn. `rays` are still to be told.
+    pub fn new<'p>(
+        solution: &Solution,
+        seconds: Seconds,
+        files: impl IntoIterator<Item = &'p Path>,
+    ) -> Report {
+        let Figures { residuals, iterations, energy, rays, .. } = &solution.figures;
+        Report {
+            scene: solution.title.clone(),
+            triangles: solution.scene.triangles.len(),
+            patches: solution.irradiance.len(),
+            open_edges: Topology::new(&solution.scene.triangles).open_edges(),
+            rays: 0,
+            transport_rays: *rays,
+            peak_memory_bytes: memory::peak(),
+            seconds,
+            residuals: residuals.clone(),
+            iterations: *iterations,
+            row_sum_defect: solution.figures.row_sum_defect,
+            mean_row_sum_defect: solution.figures.mean_row_sum_defect,
+            reciprocity_defect: solution.figures.reciprocity_defect,
+            energy: (*energy).into(),
+            exposure: None,
+            files: files.into_iter().map(|path| path.to_string_lossy().into()).collect(),
+            automatic_exposure: false,
+        }
+    }
+
     pub fn to_json(&self) -> Vec<u8> {
         let mut text = serde_json::to_string_pretty(self).expect("plain numbers and strings");
         text.push('\n');
@@ -120,8 +153,10 @@ impl Report {
         if let Some(bytes) = self.peak_memory_bytes {
             line("peak memory", indicatif::BinaryBytes(bytes).to_string());
         }
-        let how = if self.automatic_exposure { " (automatic)" } else { "" };
-        line("exposure", format!("{:.4}{how}", self.exposure));
+        if let Some(exposure) = self.exposure {
+            let how = if self.automatic_exposure { " (automatic)" } else { "" };
+            line("exposure", format!("{exposure:.4}{how}"));
+        }
         for file in &self.files {
             line("wrote", file.clone());
         }

@@ -2,6 +2,7 @@
 
 use super::bounds::Bounds;
 use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
 /// Index into [`Scene::triangles`](crate::scene::Scene::triangles).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -18,7 +19,7 @@ impl TriangleId {
 pub const MAX_LEVEL: u32 = 12;
 
 /// Three vertices, counter-clockwise seen from the front.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Triangle {
     pub p: [Vec3; 3],
 }

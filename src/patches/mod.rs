@@ -104,18 +104,31 @@ impl<'s> PatchMesh<'s> {
             Subdivision::MaxEdge(length) => levels_for(&edges, length),
             Subdivision::Count(most) => levels_for(&edges, shortest_edge_for(&edges, most)),
         };
-        let sides_of = |t: usize| 1 + scene.material(TriangleId(t as u32)).two_sided as usize;
-        let count: u64 =
-            levels.iter().enumerate().map(|(t, &l)| sides_of(t) as u64 * (1 << (2 * l))).sum();
-        if levels.iter().any(|&l| l > MAX_LEVEL) || count > MAX_PATCHES as u64 {
-            return Err(Error::new(format!(
-                "this subdivision asks for {count} patches or {} levels; the most are \
-                 {MAX_PATCHES} and {MAX_LEVEL}",
-                levels.iter().max().unwrap_or(&0)
-            ))
-            .remedy("raise --max-edge or lower --levels"));
-        }
+        check_count(scene, &levels)?;
         Ok(PatchMesh::with_levels(scene, &levels))
+    }
+
+    /// As `subdivide`, with a level for each triangle: what [`PatchMesh::levels`] gave.
+    ///
+    /// # Errors
+    /// Another number of levels than of triangles, a level above [`MAX_LEVEL`], or more patches than can
+    /// be numbered.
+    pub fn from_levels(scene: &'s Scene, levels: &[u32]) -> Result<PatchMesh<'s>> {
+        if levels.len() != scene.triangles.len() {
+            return Err(Error::new(format!(
+                "{} levels of subdivision for {} triangles",
+                levels.len(),
+                scene.triangles.len()
+            )));
+        }
+        check_count(scene, levels)?;
+        Ok(PatchMesh::with_levels(scene, levels))
+    }
+
+    /// How often each triangle is split.
+    pub fn levels(&self) -> Vec<u32> {
+        let fronts = self.side_of_front.iter();
+        fronts.map(|&side| self.sides[side as usize].level).collect()
     }
 
     fn with_levels(scene: &'s Scene, levels: &[u32]) -> PatchMesh<'s> {
@@ -226,6 +239,23 @@ impl<'s> PatchMesh<'s> {
         }
         Triangle { p }
     }
+}
+
+/// Refuses more patches than can be numbered, and levels that no triangle may have.
+fn check_count(scene: &Scene, levels: &[u32]) -> Result<()> {
+    let sides_of = |t: usize| 1 + scene.material(TriangleId(t as u32)).two_sided as u64;
+    let patches_of =
+        |(t, &level): (usize, &u32)| sides_of(t).saturating_mul(4u64.saturating_pow(level));
+    let count = levels.iter().enumerate().map(patches_of).fold(0, u64::saturating_add);
+    if levels.iter().any(|&l| l > MAX_LEVEL) || count > MAX_PATCHES as u64 {
+        return Err(Error::new(format!(
+            "this subdivision asks for {count} patches or {} levels; the most are {MAX_PATCHES} and \
+             {MAX_LEVEL}",
+            levels.iter().max().unwrap_or(&0)
+        ))
+        .remedy("raise --max-edge or lower --levels"));
+    }
+    Ok(())
 }
 
 fn check(subdivision: Subdivision) -> Result<()> {

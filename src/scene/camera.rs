@@ -4,9 +4,10 @@ use crate::error::{Error, Result};
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Ray, RayCaster, Triangle};
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A pinhole at `position`. Image coordinates run right and down over [0, 1]².
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     position: Vec3,
     /// Unit vectors: along the axis, to the image's right, to its top.
@@ -20,6 +21,12 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// The direction that is up unless something else is asked for.
+    pub const USUAL_UP: Vec3 = Vec3::Y;
+
+    /// The vertical field of view, in degrees, unless something else is asked for.
+    pub const USUAL_FOV: f32 = 40.0;
+
     /// `vertical_fov` in degrees; `near` in the scene's units, measured along the axis.
     ///
     /// # Errors

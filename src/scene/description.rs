@@ -6,7 +6,7 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::geometry::triangle::MAX_LEVEL;
 use glam::Vec3;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,7 @@ pub struct Description {
 }
 
 /// Defaults that command-line flags override.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImageDefaults {
     /// Width and height in pixels.
@@ -51,7 +51,7 @@ pub struct PatchDefaults {
 }
 
 impl ImageDefaults {
-    fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         if self.size.is_some_and(|size| size.iter().any(|n| !(1..=MAX_SIZE).contains(n))) {
             return Err(Error::new("[image]: size is outside 1 to 65536 pixels")
                 .remedy("640 x 480 is usual: size = [640, 480]"));
@@ -117,11 +117,11 @@ struct CameraTable {
 type Vec3Array = [f32; 3];
 
 fn up() -> Vec3Array {
-    [0.0, 1.0, 0.0]
+    Camera::USUAL_UP.to_array()
 }
 
 fn vertical_fov() -> f32 {
-    40.0
+    Camera::USUAL_FOV
 }
 
 #[derive(Debug, Clone, Deserialize)]

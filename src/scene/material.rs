@@ -1,13 +1,14 @@
 //! Diffuse materials.
 
 use crate::color::Rgb;
+use serde::{Deserialize, Serialize};
 
 /// Index into [`Scene::materials`](super::Scene::materials).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct MaterialId(pub u32);
 
 /// A Lambertian surface: it reflects and emits equally into every direction of its front.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     pub name: String,
     /// Diffuse reflectance ρ per channel, in [0, 1). `Kd` in an MTL file.

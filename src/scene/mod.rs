@@ -14,10 +14,11 @@ use crate::geometry::{Triangle, TriangleId};
 pub use camera::Camera;
 pub use description::Description;
 pub use material::{Material, MaterialId};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Triangles with their materials, all of them with an area above zero.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Scene {
     pub triangles: Vec<Triangle>,
     /// One per triangle.
@@ -27,6 +28,7 @@ pub struct Scene {
     pub degenerate: usize,
     /// Length of a unit of the coordinates.
     pub metres_per_unit: f64,
+    #[serde(skip)]
     pub warnings: Vec<Warning>,
 }
 

@@ -1,6 +1,6 @@
 //! `isolux verify --diff-image`: the whole pipeline on two tracers, and a picture of where it differs.
 
-use crate::cli::{progress, render};
+use crate::cli::{light, progress, render};
 use crate::equivalence::{Cause, Pair, Pipeline, Stage, Summary};
 use crate::error::Result;
 use crate::export::file::Output;
@@ -20,7 +20,7 @@ use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 
 /// What `isolux render` does unless told otherwise, and the most that is done here.
-const MOST_PATCHES: usize = render::DEFAULT_PATCHES;
+const MOST_PATCHES: usize = light::DEFAULT_PATCHES;
 const RAYS_PER_PATCH: u32 = 256;
 const DIRECT_SAMPLES: u32 = 64;
 const MOST_SAMPLES: u32 = 16;
@@ -50,7 +50,8 @@ pub fn run(
     let mesh = patches(scene, description)?;
     let samples = description.image.samples.unwrap_or(MOST_SAMPLES).min(MOST_SAMPLES);
     // Two pictures at a time, and one for the differences.
-    let frame = render::frame(None, Some(samples), seed, description, 3)?;
+    let frame = render::frame(None, Some(samples), seed, &description.image, 3)
+        .map_err(|error| error.in_file_if_none(&description.file))?;
     let settings = settings(&mesh, seed);
     let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: CREASE_DEGREES };
     let comparison = pipeline
@@ -75,7 +76,7 @@ fn most_different<'p, 'a>(peers: &'p [Peer<'a>]) -> &'p Peer<'a> {
 
 /// The description's, unless they are too many.
 fn patches<'s>(scene: &'s Scene, description: &Description) -> Result<PatchMesh<'s>> {
-    if let Some(subdivision) = render::described(&description.patches) {
+    if let Some(subdivision) = light::described(&description.patches) {
         let mesh = PatchMesh::subdivide(scene, subdivision)?;
         if mesh.len() <= MOST_PATCHES {
             return Ok(mesh);

@@ -1,0 +1,249 @@
+//! The light of a scene: solved once, kept whole, and looked at as often as one likes.
+//!
+//! Radiosity does not depend on the view. So a [`Solution`] owns everything that a picture needs: the
+//! scene, the subdivision, the irradiance of each patch. Saved, it is a `.light` file:
+//!
+//! ```text
+//! "isolux light\n"   version (u32)   CRC-32 of the rest (u32)   the solution, by postcard
+//! ```
+//!
+//! Numbers are little-endian and floats are stored as their bits, so that a file gives the same bits on
+//! every machine.
+
+use crate::color::Rgb64;
+use crate::error::{Error, Result};
+use crate::patches::PatchMesh;
+use crate::radiosity::{Energy, Radiosity};
+use crate::scene::description::ImageDefaults;
+use crate::scene::{Camera, Scene};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// The light of a scene, with the scene.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Solution {
+    pub title: String,
+    pub scene: Arc<Scene>,
+    /// How often each triangle is split; see [`PatchMesh::levels`].
+    levels: Vec<u32>,
+    /// H in W·m⁻², per patch.
+    pub irradiance: Vec<Rgb64>,
+    /// The uncovered share of the area, in [0, 1], per patch; see [`coverage`](crate::coverage).
+    pub uncovered: Vec<f64>,
+    pub figures: Figures,
+    /// The view that is drawn unless another is asked for.
+    pub camera: Camera,
+    /// The scene's wishes for a picture.
+    pub image: ImageDefaults,
+}
+
+/// How well the light was solved, and where its power went.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// The relative residual after each iteration; see [`Radiosity::residuals`].
+    pub residuals: Vec<f64>,
+    /// Sweeps, or shots.
+    pub iterations: u64,
+    /// The largest |Σ_j F_ij − 1|.
+    pub row_sum_defect: f64,
+    /// As a mean weighted by area.
+    pub mean_row_sum_defect: f64,
+    /// See [`Radiosity::reciprocity_defect`].
+    pub reciprocity_defect: Option<f64>,
+    pub energy: Energy,
+    /// Rays traced for the light.
+    pub rays: u64,
+}
+
+const MAGIC: &[u8] = b"isolux light\n";
+const VERSION: u32 = 1;
+const HEADER: usize = MAGIC.len() + 8;
+
+impl Solution {
+    /// Keeps the light that was found for a scene.
+    ///
+    /// # Panics
+    /// If the mesh is of another scene, or a list has another length than the mesh.
+    pub fn new(
+        title: String,
+        scene: &Arc<Scene>,
+        mesh: &PatchMesh,
+        (light, uncovered): (Radiosity, Vec<f64>),
+        camera: Camera,
+        image: ImageDefaults,
+    ) -> Solution {
+        assert!(std::ptr::eq(mesh.scene, &**scene), "the patches of another scene");
+        assert_eq!((light.irradiance.len(), uncovered.len()), (mesh.len(), mesh.len()));
+        Solution {
+            title,
+            scene: Arc::clone(scene),
+            levels: mesh.levels(),
+            irradiance: light.irradiance,
+            uncovered,
+            figures: Figures {
+                residuals: light.residuals,
+                iterations: light.iterations as u64,
+                row_sum_defect: light.row_sum_defect,
+                mean_row_sum_defect: light.mean_row_sum_defect,
+                reciprocity_defect: light.reciprocity_defect,
+                energy: light.energy,
+                rays: light.rays,
+            },
+            camera,
+            image,
+        }
+    }
+
+    /// The scene's patches, numbered as the irradiance is.
+    pub fn patches(&self) -> PatchMesh<'_> {
+        PatchMesh::from_levels(&self.scene, &self.levels).expect("checked when it was made")
+    }
+
+    /// The bytes of a `.light` file.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let body = postcard::to_stdvec(self).expect("numbers, strings and lists");
+        let mut bytes = Vec::with_capacity(HEADER + body.len());
+        bytes.extend_from_slice(MAGIC);
+        bytes.extend_from_slice(&VERSION.to_le_bytes());
+        bytes.extend_from_slice(&crc32fast::hash(&body).to_le_bytes());
+        bytes.extend_from_slice(&body);
+        bytes
+    }
+
+    /// Reads what [`Solution::to_bytes`] made.
+    ///
+    /// # Errors
+    /// Bytes of something else, of another version, or damaged.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Solution> {
+        let Some(rest) = bytes.strip_prefix(MAGIC) else {
+            return Err(Error::new("this is not a light file")
+                .remedy("make one: isolux solve SCENE -o ROOM.light"));
+        };
+        let damaged = || {
+            Error::new("the light file is damaged or was cut short")
+                .remedy("copy it again, or make it again: isolux solve SCENE -o ROOM.light")
+        };
+        let number = |at: usize| -> Result<u32> {
+            let bytes = rest.get(at..at + 4).ok_or_else(damaged)?;
+            Ok(u32::from_le_bytes(bytes.try_into().expect("four bytes")))
+        };
+        let (version, checksum) = (number(0)?, number(4)?);
+        if version != VERSION {
+            return Err(Error::new(format!(
+                "the light file is of version {version}, and this isolux reads version {VERSION}"
+            ))
+            .remedy("make it again: isolux solve SCENE -o ROOM.light"));
+        }
+        let body = &rest[8..];
+        if crc32fast::hash(body) != checksum {
+            return Err(damaged());
+        }
+        let (solution, left): (Solution, _) =
+            postcard::take_from_bytes(body).map_err(|_| damaged())?;
+        if !left.is_empty() {
+            return Err(damaged());
+        }
+        solution.check().map(|()| solution)
+    }
+
+    /// # Errors
+    /// See [`Solution::from_bytes`]; or a file that cannot be read.
+    pub fn load(path: &Path) -> Result<Solution> {
+        let bytes = std::fs::read(path).map_err(|error| {
+            Error::io(path, "read the light file", &error).remedy("check the path")
+        })?;
+        Solution::from_bytes(&bytes).map_err(|error| error.in_file(path))
+    }
+
+    /// A checksum finds damage, not a forger: whatever would make a later step panic is refused.
+    fn check(&self) -> Result<()> {
+        let scene = &self.scene;
+        let fits = scene.material_of.len() == scene.triangles.len()
+            && scene.material_of.iter().all(|m| (m.0 as usize) < scene.materials.len())
+            && scene.triangles.iter().all(|t| t.area() > 0.0 && t.area().is_finite());
+        let inconsistent = || {
+            Error::new("the light file contradicts itself")
+                .remedy("make it again: isolux solve SCENE -o ROOM.light")
+        };
+        if !fits {
+            return Err(inconsistent());
+        }
+        self.image.check()?;
+        let patches = PatchMesh::from_levels(scene, &self.levels)?.len();
+        if self.irradiance.len() != patches || self.uncovered.len() != patches {
+            return Err(inconsistent());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Triangle;
+    use crate::patches::Subdivision;
+    use crate::scene::{Material, MaterialId};
+    use glam::Vec3;
+    use std::time::Duration;
+
+    fn solution() -> Solution {
+        let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
+        let scene =
+            Arc::new(Scene::new(vec![triangle], vec![MaterialId(0)], vec![Material::fallback()]));
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).expect("patches");
+        let light = Radiosity {
+            radiosity: vec![Rgb64::ONE; 16],
+            irradiance: (0..16).map(|i| Rgb64::splat(1.0 / (1.0 + i as f64))).collect(),
+            residuals: vec![0.5, 1e-5],
+            iterations: 2,
+            row_sum_defect: 1.0,
+            mean_row_sum_defect: 0.5,
+            reciprocity_defect: None,
+            energy: Energy { emitted: Rgb64::ONE, absorbed: Rgb64::ZERO, escaped: Rgb64::ONE },
+            rays: 7,
+            transport_time: Duration::ZERO,
+            solve_time: Duration::ZERO,
+        };
+        let camera = Camera::new(Vec3::Z, Vec3::ZERO, Vec3::Y, 40.0, 0.0).expect("a camera");
+        let light = (light, vec![1.0; 16]);
+        Solution::new("one".into(), &scene, &mesh, light, camera, ImageDefaults::default())
+    }
+
+    #[test]
+    fn a_solution_comes_back_to_the_bit() {
+        let solution = solution();
+        let back = Solution::from_bytes(&solution.to_bytes()).expect("a solution");
+        assert_eq!(back.to_bytes(), solution.to_bytes());
+        assert_eq!(back.irradiance, solution.irradiance);
+        assert_eq!(back.figures, solution.figures);
+        assert_eq!(back.patches().len(), 16);
+    }
+
+    #[test]
+    fn every_changed_bit_and_every_cut_is_refused() {
+        let bytes = solution().to_bytes();
+        for i in 0..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[i] ^= 1 << (i % 8);
+            assert!(Solution::from_bytes(&changed).is_err(), "byte {i}");
+            assert!(Solution::from_bytes(&bytes[..i]).is_err(), "cut at {i}");
+        }
+        assert!(Solution::from_bytes(&[&bytes[..], b"x"].concat()).is_err());
+    }
+
+    #[test]
+    fn a_well_formed_contradiction_is_refused() {
+        let good = solution();
+        let refused = |solution: Solution| {
+            Solution::from_bytes(&solution.to_bytes()).expect_err("a contradiction").to_string()
+        };
+        refused(Solution { levels: vec![], ..good.clone() });
+        refused(Solution { levels: vec![3], ..good.clone() });
+        refused(Solution { levels: vec![u32::MAX], ..good.clone() });
+        refused(Solution { uncovered: vec![], ..good.clone() });
+        let mut scene = Scene::clone(&good.scene);
+        scene.material_of[0] = MaterialId(9);
+        refused(Solution { scene: Arc::new(scene), ..good });
+    }
+}
