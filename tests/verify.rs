@@ -14,6 +14,7 @@ fn verify(scene: &str, arguments: &[&str]) -> Value {
 
 #[test]
 fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
+    let mut told_apart = [0; 3];
     for scene in ["cornell-box", "course-room", "furnace", "two-rooms"] {
         let verdicts = verify(&format!("scenes/{scene}.toml"), &["--rays", "100000"]);
         let count = |what: &str| verdicts[what].as_u64().expect(what);
@@ -21,14 +22,18 @@ fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
         let named = ["agree", "tie", "touching", "precision", "embree_wrong"].map(count);
         assert_eq!(named.iter().sum::<u64>(), count("queries"), "{scene}: none is dropped");
         assert!(count("queries") >= 4 * 200_000, "{scene}");
-        // Agreement of everyone about everything would mean that no nasty ray was asked.
-        assert!(count("tie") > 0 && count("touching") > 0 && count("precision") > 0, "{scene}");
+        for (sum, what) in told_apart.iter_mut().zip(["tie", "touching", "precision"]) {
+            *sum += count(what);
+        }
         if cfg!(feature = "embree") {
             assert!(
                 verdicts["by_caster"]["Embree robust packets"]["agree"].as_u64() > Some(100_000)
             );
         }
     }
+    // Agreement about everything would mean that no adversarial ray was asked. Without Embree the native
+    // kernels may agree about one scene, but not about all.
+    assert!(told_apart.iter().all(|&sum| sum > 0), "ties, touching, precision: {told_apart:?}");
 }
 
 /// One machine stands for many: Embree is forced to each instruction set that the processor has.
