@@ -21,7 +21,9 @@ fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
         assert_eq!(count("native_wrong") + count("both_wrong"), 0, "{scene}: {verdicts:#}");
         let named = ["agree", "tie", "touching", "precision", "embree_wrong"].map(count);
         assert_eq!(named.iter().sum::<u64>(), count("queries"), "{scene}: none is dropped");
-        assert!(count("queries") >= 4 * 200_000, "{scene}");
+        // Two native peers are asked about every scene, and Embree in four ways.
+        let peers = if cfg!(feature = "embree") { 6 } else { 2 };
+        assert!(count("queries") >= peers * 200_000, "{scene}");
         for (sum, what) in told_apart.iter_mut().zip(["tie", "touching", "precision"]) {
             *sum += count(what);
         }
