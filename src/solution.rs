@@ -18,13 +18,12 @@ use crate::scene::description::ImageDefaults;
 use crate::scene::{Camera, Scene};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
-use std::sync::Arc;
 
 /// The light of a scene, with the scene.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Solution {
     pub title: String,
-    pub scene: Arc<Scene>,
+    pub scene: Scene,
     /// How often each triangle is split; see [`PatchMesh::levels`].
     levels: Vec<u32>,
     /// H in W·m⁻², per patch.
@@ -64,20 +63,18 @@ impl Solution {
     /// Keeps the light that was found for a scene.
     ///
     /// # Panics
-    /// If the mesh is of another scene, or a list has another length than the mesh.
+    /// If a list has another length than the mesh.
     pub fn new(
         title: String,
-        scene: &Arc<Scene>,
         mesh: &PatchMesh,
         (light, uncovered): (Radiosity, Vec<f64>),
         camera: Camera,
         image: ImageDefaults,
     ) -> Solution {
-        assert!(std::ptr::eq(mesh.scene, &**scene), "the patches of another scene");
         assert_eq!((light.irradiance.len(), uncovered.len()), (mesh.len(), mesh.len()));
         Solution {
             title,
-            scene: Arc::clone(scene),
+            scene: mesh.scene.clone(),
             levels: mesh.levels(),
             irradiance: light.irradiance,
             uncovered,
@@ -96,7 +93,7 @@ impl Solution {
     }
 
     /// The scene's patches, numbered as the irradiance is.
-    pub fn patches(&self) -> PatchMesh<'_> {
+    pub fn patches(&self) -> PatchMesh {
         PatchMesh::from_levels(&self.scene, &self.levels).expect("checked when it was made")
     }
 
@@ -189,8 +186,7 @@ mod tests {
 
     fn solution() -> Solution {
         let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
-        let scene =
-            Arc::new(Scene::new(vec![triangle], vec![MaterialId(0)], vec![Material::fallback()]));
+        let scene = Scene::new(vec![triangle], vec![MaterialId(0)], vec![Material::fallback()]);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).expect("patches");
         let light = Radiosity {
             radiosity: vec![Rgb64::ONE; 16],
@@ -207,7 +203,7 @@ mod tests {
         };
         let camera = Camera::new(Vec3::Z, Vec3::ZERO, Vec3::Y, 40.0, 0.0).expect("a camera");
         let light = (light, vec![1.0; 16]);
-        Solution::new("one".into(), &scene, &mesh, light, camera, ImageDefaults::default())
+        Solution::new("one".into(), &mesh, light, camera, ImageDefaults::default())
     }
 
     #[test]
@@ -242,8 +238,7 @@ mod tests {
         refused(Solution { levels: vec![3], ..good.clone() });
         refused(Solution { levels: vec![u32::MAX], ..good.clone() });
         refused(Solution { uncovered: vec![], ..good.clone() });
-        let mut scene = Scene::clone(&good.scene);
-        scene.material_of[0] = MaterialId(9);
-        refused(Solution { scene: Arc::new(scene), ..good });
+        let scene = Scene { material_of: [MaterialId(9)].into(), ..good.scene.clone() };
+        refused(Solution { scene, ..good });
     }
 }

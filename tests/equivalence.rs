@@ -55,7 +55,7 @@ fn judge(triangles: &[Triangle], robust: bool) -> Judge<'_> {
     Judge::new(triangles, Arithmetic::MollerTrumbore, other)
 }
 
-fn both(triangles: &[Triangle], isa: Isa, robust: bool) -> CrossChecked<'_, Bvh<'_>, EmbreeScene> {
+fn both(triangles: &[Triangle], isa: Isa, robust: bool) -> CrossChecked<'_, Bvh, EmbreeScene> {
     let embree = embree(triangles, isa, robust);
     CrossChecked::new(Bvh::build(triangles), embree, judge(triangles, robust))
 }
@@ -89,7 +89,7 @@ fn asked_together_the_native_pipeline_does_not_change_and_nobody_is_wrong() {
     for name in SCENES {
         let (scene, description) = load(name);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(3)).expect("patches");
-        let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+        let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
         let methods = [Method::Pairs, Method::Hemisphere];
         let alone = methods.map(|method| {
             let light = light(&native, &mesh, method);
@@ -154,7 +154,7 @@ fn pairwise_form_factors_differ_only_where_a_verdict_says_so() {
 /// differs must have a cause.
 fn compare(scene: &Scene, camera: &Camera, level: u32, isa: Isa, robust: bool) {
     let mesh = PatchMesh::subdivide(scene, Subdivision::Levels(level)).expect("patches");
-    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let peer = embree(&scene.triangles, isa, robust);
     let judge = judge(&scene.triangles, robust);
     let pair = Pair { native: &native, peer: &peer, judge, peer_is_ours: false };
@@ -274,7 +274,7 @@ const SMOOTH_BOUND: f64 = (8.0 * 8.0 + 2.0 * 12.0) * (f32::EPSILON as f64 / 2.0)
 fn on_an_integer_grid_flat_pictures_are_equal_bit_for_bit_and_smooth_ones_within_the_bound() {
     let scene = integer_room();
     let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).expect("patches");
-    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let light = light(&native, &mesh, Method::Hemisphere);
     let [flat, smooth] = grid_pictures(&native, &mesh, &light);
     for picture in [&flat, &smooth] {

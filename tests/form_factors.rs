@@ -231,11 +231,11 @@ fn many_scenes() -> Vec<(&'static str, Scene)> {
 }
 
 /// Patches of about the same size, so that each triangle has a level of its own.
-fn evenly_split(scene: &Scene) -> World<'_> {
+fn evenly_split(scene: &Scene) -> World {
     split_to(scene, 0.75)
 }
 
-fn split_to(scene: &Scene, edge: f64) -> World<'_> {
+fn split_to(scene: &Scene, edge: f64) -> World {
     World::of(PatchMesh::subdivide(scene, Subdivision::MaxEdge(edge)).unwrap())
 }
 

@@ -113,7 +113,7 @@ fn light_reaches_the_dark_room_by_reflection_alone() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/two-rooms.toml");
     let scene = Scene::load(&Description::load(&path).unwrap()).unwrap();
     let mesh = PatchMesh::subdivide(&scene, Subdivision::MaxEdge(0.3)).unwrap();
-    let caster = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let caster = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let quiet = ProgressBar::hidden();
     let estimator = Estimator::new(&caster, &mesh, 64, PointSet::Sobol, 1, &quiet);
     let direct = estimator.direct_light(&Emitters::of(&mesh));

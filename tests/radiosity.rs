@@ -329,8 +329,10 @@ fn furnished_room(lamp: f32) -> Scene {
 fn open_room() -> Scene {
     let mut scene = furnished_room(0.5);
     for first in [10, 2] {
-        scene.triangles.drain(first..first + 2);
-        scene.material_of.drain(first..first + 2);
+        let kept = |t: &usize| !(first..first + 2).contains(t);
+        let numbers: Vec<usize> = (0..scene.triangles.len()).filter(kept).collect();
+        scene.triangles = numbers.iter().map(|&t| scene.triangles[t]).collect();
+        scene.material_of = numbers.iter().map(|&t| scene.material_of[t]).collect();
     }
     scene
 }

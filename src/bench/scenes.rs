@@ -5,11 +5,12 @@ use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
 use glam::{Quat, Vec3};
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Triangles and where to look at them from.
 pub struct Stage {
     pub name: String,
-    pub triangles: Vec<Triangle>,
+    pub triangles: Arc<[Triangle]>,
     pub camera: Camera,
 }
 
@@ -43,7 +44,7 @@ impl BuiltIn {
             BuiltIn::Atrium => atrium(dice),
         };
         let camera = Camera::new(eye, target, Vec3::Y, 60.0, 0.0).expect("an ordinary view");
-        Stage { name: self.name().into(), triangles, camera }
+        Stage { name: self.name().into(), triangles: triangles.into(), camera }
     }
 }
 

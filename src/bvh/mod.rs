@@ -13,6 +13,7 @@
 //! | `together` | the walk of a packet, as long as its rays stay together |
 //! | `stream` | a batch through a small hierarchy, node by node |
 //! | `batch` | which of these ways a batch takes |
+//! | `tracer` | a hierarchy whose kernel is chosen at run time |
 //! | `simd` | the instruction set |
 //!
 //! The same generic source is compiled for every instruction set and one is chosen at run time. No
@@ -38,10 +39,11 @@ mod stream;
 #[cfg(test)]
 mod tests;
 mod together;
+mod tracer;
 mod traverse;
 
 use crate::geometry::bounds::Bounds;
-use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, Triangle, kernel::KernelKind};
+use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, Triangle};
 use batch::with_scratch;
 use build::Parts;
 use fearless_simd::{Level, dispatch};
@@ -49,9 +51,11 @@ use leaf::{Leaf, Leaves};
 use node::Node;
 use std::hint::select_unpredictable;
 use std::marker::PhantomData;
+use std::sync::Arc;
 
 pub use build::Effort;
 pub use leaf_kernel::LeafKernel;
+pub use tracer::Tracer;
 
 /// Children of a node, triangles of a leaf, rays of a packet.
 pub(crate) const WIDTH: usize = 8;
@@ -101,39 +105,40 @@ impl Child {
 }
 
 /// The scene's triangles, ready to be traced with kernel `K`.
-pub struct Bvh<'t, K = MollerTrumbore> {
+pub struct Bvh<K = MollerTrumbore> {
     nodes: Vec<Node>,
     leaves: Leaves,
     /// Entries that one ray's stack may hold.
     stack: usize,
     /// The longest side of the whole.
     extent: f32,
-    triangles: &'t [Triangle],
+    triangles: Arc<[Triangle]>,
     level: Level,
     kernel: PhantomData<K>,
 }
 
-impl<'t, K: Kernel> Bvh<'t, K> {
-    /// Builds over `triangles`, quickly; hits refer to them by index. Any number of them, none included,
-    /// up to 2²⁸ pieces.
+impl<K: Kernel> Bvh<K> {
+    /// Builds over `triangles`, quickly; hits refer to them by index. Any number of them, including
+    /// none, up to 2²⁸ pieces.
     ///
     /// # Panics
     /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see [`simd::level`].
-    pub fn build(triangles: &'t [Triangle]) -> Self {
+    pub fn build(triangles: impl Into<Arc<[Triangle]>>) -> Self {
         Self::build_with(triangles, Effort::Quick)
     }
 
-    /// The same with a given effort, which changes no answer but the time that it takes.
+    /// As [`build`](Bvh::build), with a chosen effort, which changes the time that answers take and no
+    /// answer.
     ///
     /// # Panics
     /// As [`build`](Bvh::build).
-    pub fn build_with(triangles: &'t [Triangle], effort: Effort) -> Self {
+    pub fn build_with(triangles: impl Into<Arc<[Triangle]>>, effort: Effort) -> Self {
         let level = simd::level().expect("an instruction set that there is");
-        Self::build_for(triangles, effort, level)
+        Self::build_for(triangles.into(), effort, level)
     }
 
-    fn build_for(triangles: &'t [Triangle], effort: Effort, level: Level) -> Self {
-        let Parts { nodes, leaves, depth } = build::build(triangles, effort);
+    fn build_for(triangles: Arc<[Triangle]>, effort: Effort, level: Level) -> Self {
+        let Parts { nodes, leaves, depth } = build::build(&triangles, effort);
         let bounds: Bounds = triangles.iter().flat_map(|triangle| triangle.p).collect();
         Bvh {
             nodes,
@@ -152,10 +157,10 @@ impl<'t, K: Kernel> Bvh<'t, K> {
     }
 }
 
-impl<K> Bvh<'_, K> {
+impl<K> Bvh<K> {
     #[inline(always)]
     fn leaf(&self, first: usize, count: usize) -> Leaf<'_> {
-        Leaf { words: self.leaves.words_of(first, count), count, triangles: self.triangles }
+        Leaf { words: self.leaves.words_of(first, count), count, triangles: &self.triangles }
     }
 
     /// Asks for the memory of a node or a leaf before it is needed, without a branch: a node's four cache
@@ -186,7 +191,7 @@ fn prefetch_line(address: *const i8) {
 }
 
 /// The dispatch is innermost, so that all that it calls is inlined into code for its instruction set.
-impl<K: LeafKernel> RayCaster for Bvh<'_, K> {
+impl<K: LeafKernel> RayCaster for Bvh<K> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
         with_scratch(self.stack, |scratch| {
             let stack = &mut scratch.stack[..];
@@ -220,53 +225,5 @@ impl<K: LeafKernel> RayCaster for Bvh<'_, K> {
             self.stack,
             |scratch| dispatch!(self.level, simd => batch::trace::<_, _, true>(simd, self, rays, scratch, finish)),
         )
-    }
-}
-
-/// A [`Bvh`] whose kernel was chosen at run time.
-pub enum AnyBvh<'t> {
-    Plane(Bvh<'t, crate::geometry::Plane>),
-    MollerTrumbore(Bvh<'t, MollerTrumbore>),
-}
-
-impl<'t> AnyBvh<'t> {
-    pub fn build(triangles: &'t [Triangle], effort: Effort, kernel: KernelKind) -> Self {
-        match kernel {
-            KernelKind::Plane => AnyBvh::Plane(Bvh::build_with(triangles, effort)),
-            KernelKind::MollerTrumbore => {
-                AnyBvh::MollerTrumbore(Bvh::build_with(triangles, effort))
-            }
-        }
-    }
-}
-
-/// Passes each question on to the chosen kernel's hierarchy.
-impl RayCaster for AnyBvh<'_> {
-    fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        match self {
-            AnyBvh::Plane(bvh) => bvh.nearest(ray),
-            AnyBvh::MollerTrumbore(bvh) => bvh.nearest(ray),
-        }
-    }
-
-    fn occluded(&self, ray: &Ray) -> bool {
-        match self {
-            AnyBvh::Plane(bvh) => bvh.occluded(ray),
-            AnyBvh::MollerTrumbore(bvh) => bvh.occluded(ray),
-        }
-    }
-
-    fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        match self {
-            AnyBvh::Plane(bvh) => bvh.nearest_batch(rays, hits),
-            AnyBvh::MollerTrumbore(bvh) => bvh.nearest_batch(rays, hits),
-        }
-    }
-
-    fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {
-        match self {
-            AnyBvh::Plane(bvh) => bvh.occluded_batch(rays, blocked),
-            AnyBvh::MollerTrumbore(bvh) => bvh.occluded_batch(rays, blocked),
-        }
     }
 }

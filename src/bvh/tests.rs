@@ -93,7 +93,8 @@ fn every_instruction_set_gives_the_same_bits() {
         let across = |i: u32| Vec3::new(1.0, (i % 8) as f32 * 0.01, (i / 8) as f32 * 0.002 - 0.3);
         rays.extend((0..1024).map(|i| Ray::new(Vec3::new(-3.0, 0.1, 0.2), across(i))));
         let answers = |level| {
-            let bvh = Bvh::<MollerTrumbore>::build_for(&triangles, Effort::Quick, level);
+            let bvh =
+                Bvh::<MollerTrumbore>::build_for(triangles.clone().into(), Effort::Quick, level);
             let (mut hits, mut blocked) = (Vec::new(), Vec::new());
             bvh.nearest_batch(&rays, &mut hits);
             bvh.occluded_batch(&rays, &mut blocked);
@@ -114,7 +115,7 @@ fn every_effort_gives_the_same_answers() {
     let triangles = soup(3000, 10);
     let rays = rays(3000, 10, &triangles);
     let answers = |effort| {
-        let bvh = Bvh::<MollerTrumbore>::build_with(&triangles, effort);
+        let bvh = Bvh::<MollerTrumbore>::build_with(&triangles[..], effort);
         let (mut hits, mut blocked) = (Vec::new(), Vec::new());
         bvh.nearest_batch(&rays, &mut hits);
         bvh.occluded_batch(&rays, &mut blocked);
@@ -159,7 +160,7 @@ fn the_hierarchy_is_the_same_whatever_the_number_of_threads() {
 fn every_triangle_is_in_a_leaf_and_every_box_holds_what_is_below_it() {
     for count in [1, 2, 9, 3000] {
         let triangles = soup(count, 12);
-        let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+        let bvh = Bvh::<MollerTrumbore>::build(&triangles[..]);
         let mut found = vec![false; triangles.len()];
         let mut work = vec![(0, Bounds { min: Vec3::MIN, max: Vec3::MAX })];
         while let Some((index, whole)) = work.pop() {
@@ -186,7 +187,7 @@ fn every_triangle_is_in_a_leaf_and_every_box_holds_what_is_below_it() {
 fn rays_that_stay_together_are_answered_as_if_they_were_alone() {
     for (count, seed) in [(500, 6), (5000, 7)] {
         let triangles = soup(count, seed);
-        let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+        let bvh = Bvh::<MollerTrumbore>::build(&triangles[..]);
         let brute = BruteForce::<MollerTrumbore>::new(&triangles);
         let beam = |i: u32| {
             let eye = Vec3::new(-3.0, 0.1 * (i / 64 % 8) as f32, 0.2);
@@ -230,7 +231,7 @@ fn a_ray_in_a_face_of_a_box_still_finds_what_touches_it() {
         let ray = Ray::new(origin, direction);
         let expected = BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray);
         assert!(expected.is_some());
-        assert_eq!(Bvh::<MollerTrumbore>::build(&triangles).nearest(&ray), expected);
+        assert_eq!(Bvh::<MollerTrumbore>::build(&triangles[..]).nearest(&ray), expected);
     }
 }
 
@@ -244,7 +245,7 @@ fn a_ray_in_a_face_at_zero_of_a_box_finds_what_touches_it_far_away() {
             let ray = Ray::new(origin, Vec3::new(zero, 1.0, zero));
             let expected = BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray);
             assert!(expected.is_some());
-            assert_eq!(Bvh::<MollerTrumbore>::build(&triangles).nearest(&ray), expected);
+            assert_eq!(Bvh::<MollerTrumbore>::build(&triangles[..]).nearest(&ray), expected);
         }
     }
 }
@@ -252,9 +253,9 @@ fn a_ray_in_a_face_at_zero_of_a_box_finds_what_touches_it_far_away() {
 #[test]
 fn an_empty_scene_and_broken_rays_hit_nothing() {
     let ray = Ray::new(Vec3::ZERO, Vec3::X);
-    assert_eq!(Bvh::<MollerTrumbore>::build(&[]).nearest(&ray), None);
+    assert_eq!(Bvh::<MollerTrumbore>::build([]).nearest(&ray), None);
     let triangles = soup(100, 5);
-    let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+    let bvh = Bvh::<MollerTrumbore>::build(&triangles[..]);
     for bad in [f32::NAN, f32::INFINITY] {
         assert_eq!(bvh.nearest(&Ray::new(Vec3::splat(bad), Vec3::X)), None);
         assert_eq!(bvh.nearest(&Ray::new(Vec3::ZERO, Vec3::splat(bad))), None);

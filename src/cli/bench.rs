@@ -83,7 +83,7 @@ fn stage(scene: &Path, seed: u64) -> Result<Stage> {
     let triangles = loaded.triangles;
     let camera = match description.camera {
         Some(camera) => camera,
-        None => Camera::fitted(&triangles, &Bvh::<MollerTrumbore>::build(&triangles)),
+        None => Camera::fitted(&triangles, &Bvh::<MollerTrumbore>::build(triangles.clone())),
     };
     Ok(Stage { name: description.title, triangles, camera })
 }
@@ -142,11 +142,11 @@ fn measure(
     let (mut native_seconds, mut embree_seconds) = (Vec::new(), Vec::new());
     for _ in 0..arguments.rounds.min(BUILDS) {
         let start = Instant::now();
-        drop(Bvh::<MollerTrumbore>::build(&stage.triangles));
+        drop(Bvh::<MollerTrumbore>::build(stage.triangles.clone()));
         native_seconds.push(start.elapsed().as_secs_f64());
         embree_seconds.extend(oracle_build_seconds(stage)?);
     }
-    let native = Bvh::<MollerTrumbore>::build(&stage.triangles);
+    let native = Bvh::<MollerTrumbore>::build(stage.triangles.clone());
     let casters = oracle_casters(stage)?;
     report.builds.push(Build {
         scene: stage.name.clone(),

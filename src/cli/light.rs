@@ -3,7 +3,7 @@
 use super::arguments::{LightArguments, PointsName, RunArguments};
 use super::progress;
 use super::report::Seconds;
-use crate::bvh::{AnyBvh, Effort};
+use crate::bvh::{Effort, Tracer};
 use crate::coverage;
 use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
@@ -16,7 +16,6 @@ use crate::scene::{Camera, Description, Scene};
 use crate::solution::Solution;
 use crate::solver::MatrixMethod;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// Patches that the subdivision aims at unless something else is asked for: good and quick for a first
@@ -24,47 +23,46 @@ use std::time::Instant;
 pub(super) const DEFAULT_PATCHES: usize = 40_000;
 
 /// What is to be solved, and how.
-pub(super) struct Plan<'s> {
+pub(super) struct Plan {
     file: PathBuf,
-    scene: &'s Scene,
-    mesh: PatchMesh<'s>,
+    mesh: PatchMesh,
     settings: Settings,
     kernel: KernelKind,
 }
 
-impl<'s> Plan<'s> {
+impl Plan {
     /// Flags come before the description, and the description before the defaults.
     pub fn new(
         light: &LightArguments,
         run: &RunArguments,
         description: &Description,
-        scene: &'s Scene,
-    ) -> Result<Plan<'s>> {
+        scene: &Scene,
+    ) -> Result<Plan> {
         let mesh = PatchMesh::subdivide(scene, subdivision(light, description))?;
         let settings = settings(light, run.seed, &mesh)?;
         let file = description.file.clone();
-        Ok(Plan { file, scene, mesh, settings, kernel: run.kernel.into() })
+        Ok(Plan { file, mesh, settings, kernel: run.kernel.into() })
     }
 
     /// A hierarchy that is built as thoroughly as the light's rays and `more` of them are worth.
-    pub fn caster(&self, more: u64) -> AnyBvh<'s> {
+    pub fn caster(&self, more: u64) -> Tracer {
         let rays = self.settings.expected_rays(&self.mesh).saturating_add(more);
-        let triangles = &self.scene.triangles;
-        AnyBvh::build(triangles, Effort::for_rays(triangles.len(), rays), self.kernel)
+        let triangles = self.mesh.scene.triangles.clone();
+        let effort = Effort::for_rays(triangles.len(), rays);
+        Tracer::build_with(triangles, effort, self.kernel)
     }
 
     /// The solution, and the rays that it took. `times` gets the seconds of each step.
     pub fn solve(
         &self,
         description: &Description,
-        scene: &Arc<Scene>,
-        caster: &AnyBvh,
+        caster: &Tracer,
         times: &mut Seconds,
         start: Instant,
     ) -> Result<(Solution, u64)> {
         let camera = match &description.camera {
             Some(camera) => camera.clone(),
-            None => Camera::fitted(&scene.triangles, caster),
+            None => Camera::fitted(&self.mesh.scene.triangles, caster),
         };
         times.build = start.elapsed().as_secs_f64() - times.load;
         let light = radiosity::solve(caster, &self.mesh, &self.settings, &progress::stage)
@@ -77,7 +75,7 @@ impl<'s> Plan<'s> {
         let rays = light.rays + cover_rays;
         let (title, image) = (description.title.clone(), description.image.clone());
         let light = (light, uncovered);
-        Ok((Solution::new(title, scene, &self.mesh, light, camera, image), rays))
+        Ok((Solution::new(title, &self.mesh, light, camera, image), rays))
     }
 }
 

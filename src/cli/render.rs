@@ -4,7 +4,7 @@ use super::arguments::{LightArguments, RenderArguments, ShadingName};
 use super::light::Plan;
 use super::report::{Report, Seconds};
 use super::{progress, say, warn};
-use crate::bvh::{AnyBvh, Effort};
+use crate::bvh::{Effort, Tracer};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
@@ -17,7 +17,6 @@ use crate::scene::{Camera, Description, Scene};
 use crate::solution::Solution;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 pub fn run(arguments: &RenderArguments) -> Result<()> {
@@ -41,20 +40,20 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
         times.load = start.elapsed().as_secs_f64();
         let triangles = &solution.scene.triangles;
         let effort = Effort::for_rays(triangles.len(), frame.rays());
-        let caster = AnyBvh::build(triangles, effort, arguments.run.kernel.into());
+        let caster = Tracer::build_with(triangles.clone(), effort, arguments.run.kernel.into());
         times.build = start.elapsed().as_secs_f64() - times.load;
         return show(arguments, &pictures, &caster, &frame, view, &solution, 0, times, start);
     }
 
     let description = Description::load(&arguments.scene)?;
     check_overwriting(arguments, &pictures, &description.inputs())?;
-    let scene = Arc::new(Scene::load(&description)?);
+    let scene = Scene::load(&description)?;
     warn(&scene.warnings);
     let frame = frame_of(arguments, &description.image, pictures.len())?;
     times.load = start.elapsed().as_secs_f64();
     let plan = Plan::new(&arguments.light, &arguments.run, &description, &scene)?;
     let caster = plan.caster(frame.rays());
-    let (solution, rays) = plan.solve(&description, &scene, &caster, &mut times, start)?;
+    let (solution, rays) = plan.solve(&description, &caster, &mut times, start)?;
     show(arguments, &pictures, &caster, &frame, view, &solution, rays, times, start)
 }
 
@@ -68,7 +67,7 @@ fn is_light(path: &Path) -> bool {
 fn show(
     arguments: &RenderArguments,
     pictures: &[Picture],
-    caster: &AnyBvh,
+    caster: &Tracer,
     frame: &Frame,
     view: Option<Camera>,
     solution: &Solution,
@@ -194,7 +193,7 @@ pub(super) fn frame(
 
 fn draw(
     arguments: &RenderArguments,
-    caster: &AnyBvh,
+    caster: &Tracer,
     camera: &Camera,
     frame: &Frame,
     pictures: &[Picture],

@@ -8,7 +8,6 @@ use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::scene::{Description, Scene};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 /// Solve a scene's light once and keep it; `isolux render ROOM.light` shows it from anywhere.
@@ -41,13 +40,13 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
     outputs.iter().try_for_each(|path| check_writable(path))?;
     let description = Description::load(&arguments.scene)?;
     check_distinct(&outputs, &description.inputs())?;
-    let scene = Arc::new(Scene::load(&description)?);
+    let scene = Scene::load(&description)?;
     warn(&scene.warnings);
     times.load = start.elapsed().as_secs_f64();
 
     let plan = Plan::new(&arguments.light, &arguments.run, &description, &scene)?;
     let caster = plan.caster(0);
-    let (solution, rays) = plan.solve(&description, &scene, &caster, &mut times, start)?;
+    let (solution, rays) = plan.solve(&description, &caster, &mut times, start)?;
 
     let mut files = vec![Output { path: arguments.output.clone(), bytes: solution.to_bytes() }];
     times.total = start.elapsed().as_secs_f64();

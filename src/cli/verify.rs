@@ -28,6 +28,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Above so many triangles brute force is too slow to be asked.
 const BRUTE_FORCE_TRIANGLES: usize = 1000;
@@ -141,7 +142,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);
 
-    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let camera = match &description.camera {
         Some(camera) => camera.clone(),
         None => Camera::fitted(&scene.triangles, &native),
@@ -213,7 +214,7 @@ fn built_in_rays(arguments: &Arguments) -> u64 {
 /// Every kind of ray about the unruly mesh.
 fn survey_unruly(arguments: &Arguments, embree: &str) -> Result<Vec<Finding>> {
     let (scene, camera) = unruly_scene(arguments.seed);
-    let native = Bvh::<MollerTrumbore>::build(&scene.triangles);
+    let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, _) = peers(&scene.triangles, embree)?;
     let (rays, quiet) = (built_in_rays(arguments), ProgressBar::hidden());
@@ -233,7 +234,7 @@ fn ask_grids(arguments: &Arguments, embree: &str) -> Result<Vec<GridFinding>> {
             0,
             Peer {
                 name: "native",
-                caster: Box::new(Bvh::<MollerTrumbore>::build(&grid.triangles)),
+                caster: Box::new(Bvh::<MollerTrumbore>::build(grid.triangles.clone())),
                 arithmetic: Arithmetic::MollerTrumbore,
                 is_native: true,
                 single: false,
@@ -247,7 +248,7 @@ fn ask_grids(arguments: &Arguments, embree: &str) -> Result<Vec<GridFinding>> {
 }
 
 /// Everyone to hold the native tracer against, and what is known of the oracle among them.
-fn peers<'t>(triangles: &'t [Triangle], embree: &str) -> Result<(Vec<Peer<'t>>, String)> {
+fn peers<'t>(triangles: &'t Arc<[Triangle]>, embree: &str) -> Result<(Vec<Peer<'t>>, String)> {
     let native = |name, caster: Box<dyn RayCaster>, arithmetic, single| Peer {
         name,
         caster,
@@ -256,10 +257,10 @@ fn peers<'t>(triangles: &'t [Triangle], embree: &str) -> Result<(Vec<Peer<'t>>, 
         single,
     };
     let (cramer, plane) = (Arithmetic::MollerTrumbore, Arithmetic::Plane);
-    let bvh = || Box::new(Bvh::<MollerTrumbore>::build(triangles));
+    let bvh = || Box::new(Bvh::<MollerTrumbore>::build(triangles.clone()));
     let mut peers = vec![
         native("native single", bvh(), cramer, true),
-        native("native plane", Box::new(Bvh::<Plane>::build(triangles)), plane, false),
+        native("native plane", Box::new(Bvh::<Plane>::build(triangles.clone())), plane, false),
     ];
     if triangles.len() <= BRUTE_FORCE_TRIANGLES {
         let brute_cramer = Box::new(BruteForce::<MollerTrumbore>::new(triangles));

@@ -34,7 +34,7 @@ use witness::{Detail, Difference};
 
 /// What to run on both tracers.
 pub struct Pipeline<'a> {
-    pub mesh: &'a PatchMesh<'a>,
+    pub mesh: &'a PatchMesh,
     /// Of the light; `method` must be hemisphere, the only one whose rays can hit something else.
     pub settings: Settings,
     pub camera: &'a Camera,

@@ -16,8 +16,8 @@ const FRAME: Frame = Frame { width: 24, height: 16, samples: 4, seed: 5 };
 
 /// Compares on the Cornell box.
 fn compare(
-    native: impl for<'t> Fn(Bvh<'t>) -> Box<dyn RayCaster + 't>,
-    peer: impl for<'t> Fn(Bvh<'t>, Bvh<'t, Plane>) -> Box<dyn RayCaster + 't>,
+    native: impl Fn(Bvh) -> Box<dyn RayCaster>,
+    peer: impl Fn(Bvh, Bvh<Plane>) -> Box<dyn RayCaster>,
     arithmetic: Arithmetic,
     peer_is_ours: bool,
 ) -> Comparison {
@@ -26,8 +26,11 @@ fn compare(
     let scene = Scene::load(&description).unwrap();
     let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).unwrap();
     let triangles = &scene.triangles;
-    let native = native(Bvh::build(triangles));
-    let peer = peer(Bvh::<MollerTrumbore>::build(triangles), Bvh::<Plane>::build(triangles));
+    let native = native(Bvh::build(triangles.clone()));
+    let peer = peer(
+        Bvh::<MollerTrumbore>::build(triangles.clone()),
+        Bvh::<Plane>::build(triangles.clone()),
+    );
     let judge = Judge::new(triangles, Arithmetic::MollerTrumbore, arithmetic);
     let pair = Pair { native: &*native, peer: &*peer, judge, peer_is_ours };
     let settings = Settings {
@@ -46,7 +49,7 @@ fn compare(
 }
 
 fn against(
-    peer: impl for<'t> Fn(Bvh<'t>, Bvh<'t, Plane>) -> Box<dyn RayCaster + 't>,
+    peer: impl Fn(Bvh, Bvh<Plane>) -> Box<dyn RayCaster>,
     arithmetic: Arithmetic,
     peer_is_ours: bool,
 ) -> Comparison {

@@ -105,7 +105,7 @@ impl Pair<'_> {
 /// their answers differ.
 struct Witness<'a> {
     pair: &'a Pair<'a>,
-    mesh: &'a PatchMesh<'a>,
+    mesh: &'a PatchMesh,
     detail: Detail,
     gravest: Mutex<Option<Difference>>,
 }

@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// What every estimate needs: whom to ask, about which patches, how often, from which seed.
 pub struct Estimator<'a, C> {
     pub caster: &'a C,
-    pub mesh: &'a PatchMesh<'a>,
+    pub mesh: &'a PatchMesh,
     /// Samples a pair, or rays a row.
     pub samples: u32,
     pub points: PointSet,
@@ -36,7 +36,7 @@ impl<'a, C: RayCaster> Estimator<'a, C> {
     /// If `samples` is zero, or not a square while `points` is [`PointSet::Regular`].
     pub fn new(
         caster: &'a C,
-        mesh: &'a PatchMesh<'a>,
+        mesh: &'a PatchMesh,
         samples: u32,
         points: PointSet,
         seed: u64,

@@ -3,7 +3,7 @@
 use super::{Hit, Ray};
 
 /// Answers rays about one fixed set of triangles, from any thread.
-pub trait RayCaster: Sync {
+pub trait RayCaster: Send + Sync {
     /// The hit with the smallest t in (`t_min`, `t_max`].
     fn nearest(&self, ray: &Ray) -> Option<Hit>;
 

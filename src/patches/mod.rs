@@ -82,8 +82,8 @@ impl Side {
 const MAX_PATCHES: usize = 1 << 28;
 
 /// All patches of a scene.
-pub struct PatchMesh<'s> {
-    pub scene: &'s Scene,
+pub struct PatchMesh {
+    pub scene: Scene,
     sides: Vec<Side>,
     /// Per triangle: its front's side, and its back's where it has one.
     side_of_front: Vec<u32>,
@@ -92,11 +92,11 @@ pub struct PatchMesh<'s> {
     side_of_patch: Vec<u32>,
 }
 
-impl<'s> PatchMesh<'s> {
+impl PatchMesh {
     /// # Errors
     /// A level above [`MAX_LEVEL`], a length that is not a positive number, or more patches than
     /// can be numbered.
-    pub fn subdivide(scene: &'s Scene, subdivision: Subdivision) -> Result<PatchMesh<'s>> {
+    pub fn subdivide(scene: &Scene, subdivision: Subdivision) -> Result<PatchMesh> {
         check(subdivision)?;
         let edges: Vec<f64> = scene.triangles.iter().map(Triangle::longest_edge).collect();
         let levels: Vec<u32> = match subdivision {
@@ -113,7 +113,7 @@ impl<'s> PatchMesh<'s> {
     /// # Errors
     /// Another number of levels than of triangles, a level above [`MAX_LEVEL`], or more patches than can
     /// be numbered.
-    pub fn from_levels(scene: &'s Scene, levels: &[u32]) -> Result<PatchMesh<'s>> {
+    pub fn from_levels(scene: &Scene, levels: &[u32]) -> Result<PatchMesh> {
         if levels.len() != scene.triangles.len() {
             return Err(Error::new(format!(
                 "{} levels of subdivision for {} triangles",
@@ -131,9 +131,9 @@ impl<'s> PatchMesh<'s> {
         fronts.map(|&side| self.sides[side as usize].level).collect()
     }
 
-    fn with_levels(scene: &'s Scene, levels: &[u32]) -> PatchMesh<'s> {
+    fn with_levels(scene: &Scene, levels: &[u32]) -> PatchMesh {
         let mut mesh = PatchMesh {
-            scene,
+            scene: scene.clone(),
             sides: Vec::with_capacity(levels.len()),
             side_of_front: Vec::with_capacity(levels.len()),
             side_of_back: Vec::with_capacity(levels.len()),

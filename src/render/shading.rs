@@ -38,12 +38,12 @@ impl Shading for Flat {
 
 /// Irradiance interpolated between the patches' vertices, seen through each point's own material.
 pub struct Smooth<'m> {
-    mesh: &'m PatchMesh<'m>,
+    mesh: &'m PatchMesh,
     irradiance: VertexIrradiance,
 }
 
 impl<'m> Smooth<'m> {
-    pub fn new(mesh: &'m PatchMesh<'m>, irradiance: VertexIrradiance) -> Self {
+    pub fn new(mesh: &'m PatchMesh, irradiance: VertexIrradiance) -> Self {
         Smooth { mesh, irradiance }
     }
 }

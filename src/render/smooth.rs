@@ -354,7 +354,7 @@ mod tests {
 
     #[test]
     fn nothing_is_smoothed_through_a_wall_on_a_floor() {
-        let mut triangles = fold(0.0).triangles;
+        let mut triangles = fold(0.0).triangles.to_vec();
         triangles.push(Triangle::new(Vec3::ZERO, Vec3::Y, Vec3::new(0.0, 0.5, 1.0)));
         let scene = scene(triangles);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();

@@ -16,14 +16,17 @@ pub use description::Description;
 pub use material::{Material, MaterialId};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Triangles with their materials, all of them with an area above zero.
+///
+/// A clone shares them and costs nothing.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Scene {
-    pub triangles: Vec<Triangle>,
+    pub triangles: Arc<[Triangle]>,
     /// One per triangle.
-    pub material_of: Vec<MaterialId>,
-    pub materials: Vec<Material>,
+    pub material_of: Arc<[MaterialId]>,
+    pub materials: Arc<[Material]>,
     /// Triangles without area, left out of everything.
     pub degenerate: usize,
     /// Length of a unit of the coordinates.
@@ -49,9 +52,9 @@ impl Scene {
             triangles.into_iter().zip(material_of).filter(|(t, _)| t.area() > 0.0).unzip();
         Scene {
             degenerate: before - triangles.len(),
-            triangles,
-            material_of,
-            materials,
+            triangles: triangles.into(),
+            material_of: material_of.into(),
+            materials: materials.into(),
             metres_per_unit: 1.0,
             warnings: Vec::new(),
         }
@@ -175,7 +178,7 @@ mod tests {
         let line = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::X * 3.0);
         let scene =
             Scene::new(vec![line, good, line], vec![MaterialId(0); 3], vec![Material::fallback()]);
-        assert_eq!(scene.triangles, [good]);
+        assert_eq!(*scene.triangles, [good]);
         assert_eq!(scene.degenerate, 2);
     }
 }

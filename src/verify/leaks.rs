@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn a_torus_askew_in_space_loses_no_ray() {
         let triangles = torus();
-        let bvh = || Bvh::<MollerTrumbore>::build(&triangles);
+        let bvh = || Bvh::<MollerTrumbore>::build(&triangles[..]);
         let brute_force = BruteForce::<MollerTrumbore>::new(&triangles);
         let peers = [peer("native single", true, bvh()), peer("brute force", false, brute_force)];
         let leaks = leaks(&triangles, &bvh(), &peers, 300_000, 1);
@@ -157,7 +157,7 @@ mod tests {
     fn nothing_is_counted_of_a_mesh_with_a_hole() {
         let mut triangles = torus();
         triangles.pop();
-        let bvh = Bvh::<MollerTrumbore>::build(&triangles);
+        let bvh = Bvh::<MollerTrumbore>::build(&triangles[..]);
         assert_eq!(leaks(&triangles, &bvh, &[], 1000, 1), []);
     }
 

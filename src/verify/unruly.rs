@@ -19,7 +19,7 @@ pub fn unruly_scene(seed: u64) -> (Scene, Camera) {
     let material_of = vec![MaterialId(0); triangles.len()];
     // A scene that is made in the usual way leaves out what has no area.
     let empty = Scene::new(Vec::new(), Vec::new(), vec![Material::fallback()]);
-    (Scene { triangles, material_of, ..empty }, camera)
+    (Scene { triangles: triangles.into(), material_of: material_of.into(), ..empty }, camera)
 }
 
 /// Around the origin, within ±1 but for the huge ones.

@@ -12,6 +12,7 @@ use isolux::geometry::Triangle;
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::sampling::PointSet;
 use isolux::scene::{Material, MaterialId, Scene};
+use std::sync::Arc;
 
 /// Some triangles of one material. The k-th piece of a scene has material k.
 pub struct Piece {
@@ -59,7 +60,7 @@ pub fn scene(pieces: impl IntoIterator<Item = Piece>) -> Scene {
 /// The scene with all coordinates multiplied by `factor`.
 pub fn scaled(scene: &Scene, factor: f32) -> Scene {
     let mut scaled = scene.clone();
-    scaled.triangles.iter_mut().for_each(|t| t.p = t.p.map(|p| p * factor));
+    Arc::make_mut(&mut scaled.triangles).iter_mut().for_each(|t| t.p = t.p.map(|p| p * factor));
     scaled
 }
 
@@ -127,7 +128,7 @@ pub fn askew(mut triangles: Vec<Triangle>) -> Vec<Triangle> {
 }
 
 /// A scene's patches.
-pub fn subdivided(scene: &Scene, levels: u32) -> PatchMesh<'_> {
+pub fn subdivided(scene: &Scene, levels: u32) -> PatchMesh {
     PatchMesh::subdivide(scene, Subdivision::Levels(levels)).expect("few levels")
 }
 
@@ -141,27 +142,27 @@ pub fn all(mesh: &PatchMesh) -> impl Iterator<Item = PatchId> + use<> {
 }
 
 /// What estimates of a scene need beside their settings.
-pub struct World<'s> {
-    pub mesh: PatchMesh<'s>,
-    pub bvh: Bvh<'s>,
+pub struct World {
+    pub mesh: PatchMesh,
+    pub bvh: Bvh,
     quiet: ProgressBar,
 }
 
-impl<'s> World<'s> {
-    pub fn new(scene: &'s Scene, levels: u32) -> Self {
+impl World {
+    pub fn new(scene: &Scene, levels: u32) -> Self {
         World::of(subdivided(scene, levels))
     }
 
-    pub fn of(mesh: PatchMesh<'s>) -> Self {
-        let bvh = Bvh::build(&mesh.scene.triangles);
+    pub fn of(mesh: PatchMesh) -> Self {
+        let bvh = Bvh::build(mesh.scene.triangles.clone());
         World { mesh, bvh, quiet: ProgressBar::hidden() }
     }
 
-    pub fn estimator(&self, samples: u32, points: PointSet, seed: u64) -> Estimator<'_, Bvh<'s>> {
+    pub fn estimator(&self, samples: u32, points: PointSet, seed: u64) -> Estimator<'_, Bvh> {
         Estimator::new(&self.bvh, &self.mesh, samples, points, seed, &self.quiet)
     }
 
-    pub fn random(&self, samples: u32, seed: u64) -> Estimator<'_, Bvh<'s>> {
+    pub fn random(&self, samples: u32, seed: u64) -> Estimator<'_, Bvh> {
         self.estimator(samples, PointSet::Random, seed)
     }
 }

@@ -75,7 +75,7 @@ fn most_different<'p, 'a>(peers: &'p [Peer<'a>]) -> &'p Peer<'a> {
 }
 
 /// The description's, unless they are too many.
-fn patches<'s>(scene: &'s Scene, description: &Description) -> Result<PatchMesh<'s>> {
+fn patches(scene: &Scene, description: &Description) -> Result<PatchMesh> {
     if let Some(subdivision) = light::described(&description.patches) {
         let mesh = PatchMesh::subdivide(scene, subdivision)?;
         if mesh.len() <= MOST_PATCHES {

@@ -24,6 +24,7 @@ use crate::verify::Arithmetic;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fmt;
+use std::sync::Arc;
 
 mod expected;
 mod lattice;
@@ -33,7 +34,7 @@ const TRIANGLES: usize = 3 * WIDTH * WIDTH;
 
 /// A scene and rays of small integers, with what each ray hits.
 pub struct Grid {
-    pub triangles: Vec<Triangle>,
+    pub triangles: Arc<[Triangle]>,
     rays: Vec<Ray>,
     expected: Vec<Option<Hit>>,
     is_dyadic: bool,
@@ -118,7 +119,7 @@ impl Grid {
 
     fn new(triangles: Vec<Triangle>, rays: Vec<Ray>, is_dyadic: bool) -> Self {
         let expected = rays.par_iter().map(|ray| expected::nearest(ray, &triangles)).collect();
-        Grid { triangles, rays, expected, is_dyadic }
+        Grid { triangles: triangles.into(), rays, expected, is_dyadic }
     }
 
     /// Asks every caster, which must know this grid's triangles, about every ray.

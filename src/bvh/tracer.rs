@@ -1,0 +1,53 @@
+//! The native ray tracer, its kernel chosen at run time.
+
+use super::{Bvh, Effort};
+use crate::geometry::{Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster, Triangle};
+use std::sync::Arc;
+
+/// The triangles of a scene, ready to be traced. It owns what it needs.
+pub struct Tracer(Box<dyn RayCaster>);
+
+impl Tracer {
+    /// Builds quickly, for the Möller–Trumbore kernel.
+    ///
+    /// # Panics
+    /// As [`Bvh::build`].
+    pub fn build(triangles: impl Into<Arc<[Triangle]>>) -> Tracer {
+        Tracer::build_with(triangles, Effort::Quick, KernelKind::MollerTrumbore)
+    }
+
+    /// As [`build`](Tracer::build), with a chosen effort and kernel.
+    ///
+    /// # Panics
+    /// As [`Bvh::build`].
+    pub fn build_with(
+        triangles: impl Into<Arc<[Triangle]>>,
+        effort: Effort,
+        kernel: KernelKind,
+    ) -> Tracer {
+        Tracer(match kernel {
+            KernelKind::Plane => Box::new(Bvh::<Plane>::build_with(triangles, effort)),
+            KernelKind::MollerTrumbore => {
+                Box::new(Bvh::<MollerTrumbore>::build_with(triangles, effort))
+            }
+        })
+    }
+}
+
+impl RayCaster for Tracer {
+    fn nearest(&self, ray: &Ray) -> Option<Hit> {
+        self.0.nearest(ray)
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        self.0.occluded(ray)
+    }
+
+    fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        self.0.nearest_batch(rays, hits);
+    }
+
+    fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {
+        self.0.occluded_batch(rays, blocked);
+    }
+}
