@@ -8,10 +8,31 @@ use std::path::{Path, PathBuf};
 /// A miss of a ray is `None` and a bug is a panic; only what a user can mend becomes an `Error`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct Error {
+    kind: ErrorKind,
     file: Option<PathBuf>,
     line: Option<usize>,
     cause: String,
     remedy: Option<String>,
+}
+
+/// What kind of failure an [`Error`] is, for programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// A file or a value that has no meaning.
+    Input,
+    /// A refusal by the operating system.
+    System,
+    /// More patches than can be numbered.
+    Patches,
+    /// More memory than there is.
+    Memory,
+    /// Nothing in the scene emits light.
+    Dark,
+    /// Light that does not converge.
+    Divergence,
+    /// [`Progress::is_stopped`](crate::progress::Progress::is_stopped) said so.
+    Stopped,
 }
 
 pub type Result<T> = std::result::Result<T, Error>;
@@ -19,12 +40,27 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// A failure that concerns no file in particular.
     pub fn new(cause: impl Into<String>) -> Self {
-        Error { file: None, line: None, cause: cause.into(), remedy: None }
+        let kind = ErrorKind::Input;
+        Error { kind, file: None, line: None, cause: cause.into(), remedy: None }
     }
 
     /// An operating system's refusal to read or write `file`.
     pub fn io(file: &Path, doing: &str, error: &std::io::Error) -> Self {
-        Error::new(format!("cannot {doing}: {error}")).in_file(file)
+        Error::new(format!("cannot {doing}: {error}")).of_kind(ErrorKind::System).in_file(file)
+    }
+
+    /// The end of a computation that was asked to stop.
+    pub fn stopped() -> Self {
+        Error::new("stopped before the end").of_kind(ErrorKind::Stopped)
+    }
+
+    pub fn kind(&self) -> ErrorKind {
+        self.kind
+    }
+
+    pub fn of_kind(mut self, kind: ErrorKind) -> Self {
+        self.kind = kind;
+        self
     }
 
     pub fn in_file(mut self, file: &Path) -> Self {

@@ -14,6 +14,7 @@
 //! | layer | module | holds |
 //! | --- | --- | --- |
 //! | 0 | [`error`] | errors that the user can fix: file, line, cause, remedy |
+//! | 1 | [`progress`] | how far a computation is, and whether it shall stop |
 //! | 1 | [`color`], [`sampling`], [`memory`] | linear RGB; seeded points and their maps; memory free and used |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
 //! | 3 | [`scene`] | OBJ and MTL, the TOML description, materials, camera, topology |
@@ -77,6 +78,7 @@ pub mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;
 pub mod patches;
+pub mod progress;
 pub mod radiosity;
 pub mod render;
 pub mod sampling;

@@ -1,6 +1,6 @@
 //! How much memory there is, and how much was used.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
 
 /// Memory that can be had without swapping, in bytes; `None` where the system does not tell.
 pub fn available() -> Option<u64> {
@@ -22,7 +22,7 @@ pub fn peak() -> Option<u64> {
 /// Refuses `what` if it needs more than `limit` bytes.
 ///
 /// # Errors
-/// With both numbers and the remedies of whoever asks.
+/// Of kind [`ErrorKind::Memory`], with both numbers and the caller's remedy.
 pub fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
     match limit {
         Some(limit) if bytes > limit => Err(Error::new(format!(
@@ -30,6 +30,7 @@ pub fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result
             indicatif::BinaryBytes(bytes),
             indicatif::BinaryBytes(limit)
         ))
+        .of_kind(ErrorKind::Memory)
         .remedy(remedy)),
         _ => Ok(()),
     }

@@ -1,7 +1,7 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
 use crate::color::Rgb64;
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::direct::Emitters;
 use crate::form_factor::hemisphere::HemisphereSource;
 use crate::form_factor::pairs::PairRows;
@@ -11,9 +11,9 @@ use crate::form_factor::{
 use crate::geometry::RayCaster;
 use crate::memory;
 use crate::patches::{PatchId, PatchMesh};
+use crate::progress::Progress;
 use crate::sampling::PointSet;
 use crate::solver::{MatrixMethod, Problem, Solution, Stop};
-use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -112,15 +112,16 @@ pub fn has_small_emitters(mesh: &PatchMesh) -> bool {
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///
 /// # Errors
-/// No emitter, a matrix that does not fit, light that does not converge.
+/// No emitter, a matrix that does not fit, light that does not converge; or `progress` asked to stop.
 pub fn solve(
     caster: &impl RayCaster,
     mesh: &PatchMesh,
     settings: &Settings,
-    progress: &dyn Fn(&'static str) -> ProgressBar,
+    progress: &dyn Progress,
 ) -> Result<Radiosity> {
     if !mesh.scene.emits() {
         return Err(Error::new("nothing in the scene emits light: the picture would be black")
+            .of_kind(ErrorKind::Dark)
             .remedy(
                 "give a material an emission: Ke in the MTL file, or radiance in the scene \
                      description's [materials.NAME]",
@@ -131,7 +132,6 @@ pub fn solve(
     let exitance: Vec<Rgb64> =
         (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
 
-    let bar = progress("direct light");
     let direct = (settings.direct_samples > 0).then(|| {
         let estimator = Estimator::new(
             caster,
@@ -139,16 +139,15 @@ pub fn solve(
             settings.direct_samples,
             PointSet::Sobol,
             settings.seed,
-            &bar,
+            progress,
         );
         (estimator.direct_light(&Emitters::of(mesh)), estimator.rays())
     });
     let (direct, direct_rays) = direct.unzip();
-    bar.finish_and_clear();
+    go_on(progress)?;
 
-    let bar = progress("form factors");
     let estimator =
-        Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, &bar);
+        Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, progress);
     let source = match &direct {
         None => exitance.clone(),
         Some(direct) => (0..mesh.len())
@@ -159,17 +158,16 @@ pub fn solve(
     let (transport_time, solution, reciprocity_defect) = match settings.solver {
         Solver::Matrix(method) => {
             let form_factors = matrix(&estimator, settings);
-            bar.finish_and_clear();
+            go_on(progress)?;
             let transport_time = start.elapsed();
-            let solution =
-                problem.solve(&form_factors, method, settings.stop, &progress("solve"))?;
+            let solution = problem.solve(&form_factors, method, settings.stop, progress)?;
             let sums: Vec<f64> = solution.row_sums.iter().flatten().copied().collect();
             let Defects { reciprocity, .. } = form_factors.defects(&sums);
             (transport_time, solution, Some(reciprocity))
         }
         Solver::Southwell => {
             let clock = Clock::default();
-            let solution = shoot(&estimator, &problem, settings, &clock, &progress("shots"))?;
+            let solution = shoot(&estimator, &problem, settings, &clock, progress)?;
             let transport_time = clock.elapsed();
             // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
             let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
@@ -184,25 +182,27 @@ pub fn solve(
     Ok(light.timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
+fn go_on(progress: &dyn Progress) -> Result<()> {
+    if progress.is_stopped() { Err(Error::stopped()) } else { Ok(()) }
+}
+
 /// Works out what will be stored, before any of it is.
 fn check_memory(mesh: &PatchMesh, settings: &Settings) -> Result<()> {
     let patches = mesh.len();
     let vectors = patches as u64 * BYTES_PER_PATCH;
     let what = format!("the light of {patches} patches");
-    memory::check(&what, vectors, memory::available(), "raise --max-edge or lower --levels")?;
+    memory::check(&what, vectors, memory::available(), "take larger patches")?;
     if settings.solver == Solver::Southwell {
         return Ok(());
     }
     let (bytes, remedy) = match settings.method {
         Method::Pairs => (
             ExchangeMatrix::bytes_needed(patches),
-            "raise --max-edge or lower --levels, use --form-factors hemisphere, or --solver \
-             southwell, which stores no matrix",
+            "take larger patches, use hemispheres, or Southwell's method, which stores no matrix",
         ),
         Method::Hemisphere => (
             HemisphereRows::bytes_needed(patches, settings.samples),
-            "lower --samples, raise --max-edge or lower --levels, or use --solver southwell, \
-             which stores no matrix",
+            "take larger patches or fewer samples, or Southwell's method, which stores no matrix",
         ),
     };
     let what = format!("the form-factor matrix of {patches} patches");
@@ -243,7 +243,7 @@ fn shoot<C: RayCaster>(
     problem: &Problem,
     settings: &Settings,
     clock: &Clock,
-    progress: &ProgressBar,
+    progress: &dyn Progress,
 ) -> Result<Solution> {
     let stop = settings.stop;
     match settings.method {

@@ -5,7 +5,6 @@
 mod scenes;
 
 use glam::Vec3;
-use indicatif::ProgressBar;
 use isolux::bvh::Bvh;
 use isolux::color::Rgb;
 use isolux::equivalence::{Cause, Pair, Pipeline};
@@ -74,14 +73,14 @@ fn settings(method: Method) -> Settings {
 }
 
 fn light(caster: &impl RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity {
-    radiosity::solve(caster, mesh, &settings(method), &|_| ProgressBar::hidden()).expect("light")
+    radiosity::solve(caster, mesh, &settings(method), &()).expect("light")
 }
 
 fn draw(caster: &impl RayCaster, mesh: &PatchMesh, from: &Description, light: &Radiosity) -> Image {
     let flat = Flat::new(mesh, &light.irradiance, &vec![1.0; mesh.len()]);
     let frame = Frame { width: 96, height: 96, samples: 4, seed: 3 };
     let camera = from.camera.as_ref().expect("a camera");
-    render(caster, mesh, camera, &frame, &[&flat], &ProgressBar::hidden()).remove(0)
+    render(caster, mesh, camera, &frame, &[&flat], &()).remove(0)
 }
 
 #[test]
@@ -130,7 +129,7 @@ fn pairwise_form_factors_differ_only_where_a_verdict_says_so() {
     for name in SCENES {
         let (scene, _) = load(name);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).expect("patches");
-        let quiet = ProgressBar::hidden();
+        let quiet = ();
         for_each_embree(|isa, robust| {
             let checked = both(&scene.triangles, isa, robust);
             let native = Estimator::new(&checked, &mesh, 9, PointSet::Sobol, 3, &quiet);
@@ -165,7 +164,7 @@ fn compare(scene: &Scene, camera: &Camera, level: u32, isa: Isa, robust: bool) {
         frame: Frame { width: 96, height: 96, samples: 4, seed: 3 },
         crease: 30.0,
     }
-    .compare(&pair, &|_| ProgressBar::hidden())
+    .compare(&pair, &())
     .expect("light")
     .summary;
     println!("{isa}, robust {robust}: {summary:?}");
@@ -242,7 +241,7 @@ fn grid_pictures(caster: &dyn RayCaster, mesh: &PatchMesh, light: &Radiosity) ->
     let shadings: [&dyn Shading; 2] = [&flat, &smooth];
     let camera = grid_camera();
     let frame = Frame { width: 96, height: 96, samples: 4, seed: 3 };
-    let (caster, quiet) = (OnGrid(caster), ProgressBar::hidden());
+    let (caster, quiet) = (OnGrid(caster), ());
     let pictures = render(&caster, mesh, &camera, &frame, &shadings, &quiet);
     pictures.try_into().expect("two pictures")
 }

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 use image::Rgb32FImage;
-use indicatif::ProgressBar;
 use isolux::bvh::Bvh;
 use isolux::form_factor::{Estimator, direct::Emitters};
 use isolux::geometry::MollerTrumbore;
@@ -114,7 +113,7 @@ fn light_reaches_the_dark_room_by_reflection_alone() {
     let scene = Scene::load(&Description::load(&path).unwrap()).unwrap();
     let mesh = PatchMesh::subdivide(&scene, Subdivision::MaxEdge(0.3)).unwrap();
     let caster = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
-    let quiet = ProgressBar::hidden();
+    let quiet = ();
     let estimator = Estimator::new(&caster, &mesh, 64, PointSet::Sobol, 1, &quiet);
     let direct = estimator.direct_light(&Emitters::of(&mesh));
     // The dark room ends at x = 4, where the doorway's reveals begin.

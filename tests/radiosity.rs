@@ -3,11 +3,12 @@
 mod scenes;
 
 use glam::{DVec3, Vec3};
-use indicatif::ProgressBar;
 use isolux::color::{Rgb, Rgb64};
+use isolux::error::ErrorKind;
 use isolux::form_factor::{ExchangeMatrix, FormFactors, HemisphereRows};
 use isolux::geometry::Triangle;
 use isolux::patches::PatchId;
+use isolux::progress::{Progress, Stage};
 use isolux::radiosity::{Method, Radiosity, Settings, Solver, solve};
 use isolux::sampling::{PointSet, regular_triangle};
 use isolux::scene::Scene;
@@ -17,6 +18,7 @@ use scenes::{
     square,
 };
 use std::f64::consts::PI;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 const METHODS: [Method; 2] = [Method::Pairs, Method::Hemisphere];
 const SOLVERS: [Solver; 3] = [
@@ -45,11 +47,11 @@ fn settings(method: Method, solver: Solver) -> Settings {
 }
 
 fn light(world: &World, settings: &Settings) -> Radiosity {
-    solve(&world.bvh, &world.mesh, settings, &|_| ProgressBar::hidden()).expect("it converges")
+    solve(&world.bvh, &world.mesh, settings, &()).expect("it converges")
 }
 
 fn refusal(world: &World, settings: &Settings) -> String {
-    let answer = solve(&world.bvh, &world.mesh, settings, &|_| ProgressBar::hidden());
+    let answer = solve(&world.bvh, &world.mesh, settings, &());
     answer.err().expect("an error").to_string()
 }
 
@@ -337,6 +339,42 @@ fn open_room() -> Scene {
     scene
 }
 
+/// Asks to stop after this much of everything.
+struct StopAfter(AtomicU64);
+
+impl Progress for StopAfter {
+    fn begin(&self, _: Stage, _: Option<u64>) {}
+
+    fn advance(&self, amount: u64) {
+        let left = self.0.load(Ordering::Relaxed);
+        self.0.store(left.saturating_sub(amount), Ordering::Relaxed);
+    }
+
+    fn end(&self) {}
+
+    fn is_stopped(&self) -> bool {
+        self.0.load(Ordering::Relaxed) == 0
+    }
+}
+
+#[test]
+fn a_solution_that_is_asked_to_stop_ends_with_an_error_of_that_kind_wherever_it_is() {
+    let scene = furnished_room(0.5);
+    let world = World::new(&scene, 2);
+    for (method, solver) in METHODS.iter().flat_map(|m| SOLVERS.map(|s| (*m, s))) {
+        let settings = settings(method, solver);
+        for amount in [0, 1, 100, 300] {
+            let stop = StopAfter(AtomicU64::new(amount));
+            match solve(&world.bvh, &world.mesh, &settings, &stop) {
+                Ok(_) => assert!(!stop.is_stopped(), "{method:?}, {solver:?}, {amount}"),
+                Err(error) => assert_eq!(error.kind(), ErrorKind::Stopped, "{error}"),
+            }
+        }
+        let stop = StopAfter(AtomicU64::new(0));
+        assert!(solve(&world.bvh, &world.mesh, &settings, &stop).is_err());
+    }
+}
+
 #[test]
 fn what_is_emitted_is_absorbed_or_escapes() {
     for (name, scene, metres) in
@@ -618,8 +656,8 @@ fn a_matrix_that_does_not_fit_is_refused_with_both_sizes_and_a_way_out() {
     let world = World::new(&scene, 3);
     let patches = world.mesh.len();
     for (method, bytes, way_out) in [
-        (Method::Pairs, ExchangeMatrix::bytes_needed(patches), "--form-factors hemisphere"),
-        (Method::Hemisphere, HemisphereRows::bytes_needed(patches, 256), "--samples"),
+        (Method::Pairs, ExchangeMatrix::bytes_needed(patches), "hemispheres"),
+        (Method::Hemisphere, HemisphereRows::bytes_needed(patches, 256), "fewer samples"),
     ] {
         let with = |limit| Settings {
             memory_limit: Some(limit),
@@ -632,8 +670,8 @@ fn a_matrix_that_does_not_fit_is_refused_with_both_sizes_and_a_way_out() {
             &indicatif::BinaryBytes(bytes).to_string(),
             "4.00 KiB",
             way_out,
-            "--levels",
-            "--solver southwell",
+            "larger patches",
+            "Southwell",
         ] {
             assert!(message.contains(part), "{method:?}: {part} is not in: {message}");
         }

@@ -1,6 +1,7 @@
 //! `isolux bench`: rays per second, ours and Embree's, in one run.
 
-use super::{progress, say, warn};
+use super::progress::Bars;
+use super::{say, warn};
 use crate::bench::race::{Engine, Query, Rates, Side, race};
 use crate::bench::rays::Kind;
 use crate::bench::scenes::{BuiltIn, Stage};
@@ -8,6 +9,7 @@ use crate::bvh::Bvh;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_writable, write_all};
 use crate::geometry::{MollerTrumbore, Ray};
+use crate::progress::{self, Progress};
 use crate::scene::{Camera, Description, Scene};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
@@ -161,17 +163,17 @@ fn measure(
         Engine { name: "native batched", side: Side::Native, caster: &native, batched: true },
     ];
     engines.extend(casters.engines());
-    let bar = progress::bar("bench");
-    bar.set_length((Kind::ALL.len() * pools.len()) as u64);
+    let bars = Bars::new();
+    bars.begin(progress::Stage::Bench, Some((Kind::ALL.len() * pools.len()) as u64));
     for kind in Kind::ALL {
         let rays = kind.rays(stage, arguments.rays, arguments.seed);
         for pool in pools {
             let outcome = compete(stage, kind, &rays, pool, &engines, arguments.rounds as usize);
             report.results.push(outcome);
-            bar.inc(1);
+            bars.advance(1);
         }
     }
-    bar.finish_and_clear();
+    bars.end();
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! From a scene and the options of light to its solution.
 
 use super::arguments::{LightArguments, PointsName, RunArguments};
-use super::progress;
+use super::progress::Bars;
 use super::report::Seconds;
 use crate::bvh::{Effort, Tracer};
 use crate::coverage;
@@ -65,7 +65,7 @@ impl Plan {
             None => Camera::fitted(&self.mesh.scene.triangles, caster),
         };
         times.build = start.elapsed().as_secs_f64() - times.load;
-        let light = radiosity::solve(caster, &self.mesh, &self.settings, &progress::stage)
+        let light = radiosity::solve(caster, &self.mesh, &self.settings, &Bars::new())
             .map_err(|error| error.in_file_if_none(&self.file))?;
         times.transport = light.transport_time.as_secs_f64();
         times.solve = light.solve_time.as_secs_f64();

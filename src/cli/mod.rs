@@ -10,7 +10,7 @@ mod report;
 mod solve;
 mod verify;
 
-use crate::error::Result;
+use crate::error::{ErrorKind, Result};
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::process::ExitCode;
@@ -39,9 +39,22 @@ pub fn run() -> ExitCode {
     match result {
         Ok(code) => code,
         Err(error) => {
-            complain(&format!("error: {error}\n"));
+            complain(&format!("error: {error}\n{}", flags_for(error.kind())));
             ExitCode::from(2)
         }
+    }
+}
+
+/// The flags with which a remedy can be had. The library knows none.
+fn flags_for(kind: ErrorKind) -> &'static str {
+    match kind {
+        ErrorKind::Patches => "  flags: raise --max-edge or lower --levels\n",
+        ErrorKind::Memory => {
+            "  flags: raise --max-edge or lower --levels or --samples, use --form-factors \
+             hemisphere or --solver southwell\n"
+        }
+        ErrorKind::Divergence => "  flags: --tolerance, --samples, --form-factors hemisphere\n",
+        _ => "",
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::arguments::{LightArguments, RenderArguments, ShadingName};
 use super::light::Plan;
+use super::progress::Bars;
 use super::report::{Report, Seconds};
-use super::{progress, say, warn};
+use super::{say, warn};
 use crate::bvh::{Effort, Tracer};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
@@ -215,10 +216,7 @@ fn draw(
         })
         .collect();
     let shadings: Vec<&dyn Shading> = shadings.iter().map(Box::as_ref).collect();
-    let bar = progress::bar("render");
-    let images = render::render(caster, &mesh, camera, frame, &shadings, &bar);
-    bar.finish_and_clear();
-    images
+    render::render(caster, &mesh, camera, frame, &shadings, &Bars::new())
 }
 
 fn encode(pictures: &[Picture], images: &[Image], exposure: f32) -> Result<Vec<Output>> {

@@ -2,7 +2,8 @@
 
 mod pipeline;
 
-use super::{complain, progress, say, warn};
+use super::progress::Bars;
+use super::{complain, say, warn};
 use crate::bvh::Bvh;
 use crate::equivalence::Summary;
 #[cfg(feature = "embree")]
@@ -21,7 +22,6 @@ use crate::verify::rays::{Kind, RaySource};
 use crate::verify::survey::{Finding, Peer, sum, survey};
 use crate::verify::tally::Tally;
 use crate::verify::unruly::unruly_scene;
-use indicatif::ProgressBar;
 use pipeline::PipelineReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -156,9 +156,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
         .map(|path| pipeline::run(&native, &peers, scenery, arguments.seed, path))
         .transpose()?;
     let (pipeline, picture) = pipeline.unzip();
-    let bar = progress::bar("verify");
-    let findings = survey(&scene.triangles, &native, &peers, &source, arguments.rays, &bar);
-    bar.finish_and_clear();
+    let findings = survey(&scene.triangles, &native, &peers, &source, arguments.rays, &Bars::new());
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
     let unruly = survey_unruly(arguments, embree)?;
@@ -217,8 +215,8 @@ fn survey_unruly(arguments: &Arguments, embree: &str) -> Result<Vec<Finding>> {
     let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, _) = peers(&scene.triangles, embree)?;
-    let (rays, quiet) = (built_in_rays(arguments), ProgressBar::hidden());
-    Ok(survey(&scene.triangles, &native, &peers, &source, rays, &quiet))
+    let rays = built_in_rays(arguments);
+    Ok(survey(&scene.triangles, &native, &peers, &source, rays, &()))
 }
 
 fn by_caster(findings: &[Finding]) -> BTreeMap<&'static str, Tally> {

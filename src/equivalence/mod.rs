@@ -19,13 +19,13 @@ use crate::form_factor::hemisphere::HemisphereSource;
 use crate::form_factor::{Estimator, RowSource};
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
+use crate::progress::Progress;
 use crate::radiosity::{self, Settings};
 use crate::render::shading::{Flat, Shading, Smooth};
 use crate::render::smooth::VertexIrradiance;
 use crate::render::{Frame, Image, pixel, render};
 use crate::sampling::PointSet;
 use crate::scene::Camera;
-use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -121,11 +121,7 @@ impl Pipeline<'_> {
     ///
     /// # Errors
     /// See [`radiosity::solve`].
-    pub fn compare(
-        &self,
-        pair: &Pair,
-        progress: &dyn Fn(&'static str) -> ProgressBar,
-    ) -> Result<Comparison> {
+    pub fn compare(&self, pair: &Pair, progress: &dyn Progress) -> Result<Comparison> {
         let native = radiosity::solve(&pair.native, self.mesh, &self.settings, progress)?;
         let peer = radiosity::solve(&pair.peer, self.mesh, &self.settings, progress)?;
         let (shares, _) = uncovered(&pair.native, self.mesh);
@@ -147,24 +143,24 @@ impl Pipeline<'_> {
     }
 
     fn form_factors(&self, pair: &Pair) -> Stage {
-        let (settings, quiet) = (&self.settings, ProgressBar::hidden());
+        let settings = &self.settings;
         let row = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.samples, settings.points);
-            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &quiet);
+            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &());
             HemisphereSource(&of).row(i)
         };
         self.per_patch(pair, row, |a, b| count_entries(a, b))
     }
 
     fn direct_light(&self, pair: &Pair) -> Stage {
-        let (settings, quiet) = (&self.settings, ProgressBar::hidden());
+        let settings = &self.settings;
         if settings.direct_samples == 0 {
             return Stage::default();
         }
         let emitters = Emitters::of(self.mesh);
         let light = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.direct_samples, PointSet::Sobol);
-            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &quiet);
+            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &());
             of.direct_light_of(&emitters, i)
         };
         self.per_patch(pair, light, |a, b| (1, (a != b) as u64))
@@ -206,15 +202,11 @@ impl Pipeline<'_> {
         pair: &Pair,
         shading: &dyn Shading,
         detail: Detail,
-        progress: &dyn Fn(&'static str) -> ProgressBar,
+        progress: &dyn Progress,
     ) -> Picture {
         let (mesh, camera, frame) = (self.mesh, self.camera, &self.frame);
-        let [native, peer] = [pair.native, pair.peer].map(|caster| {
-            let bar = progress("render");
-            let image = render(&caster, mesh, camera, frame, &[shading], &bar).remove(0);
-            bar.finish_and_clear();
-            image
-        });
+        let [native, peer] = [pair.native, pair.peer]
+            .map(|caster| render(&caster, mesh, camera, frame, &[shading], progress).remove(0));
         let differences: Vec<Option<Difference>> = (0..native.pixels.len())
             .into_par_iter()
             .map(|i| {

@@ -45,7 +45,7 @@ fn compare(
     };
     let camera = description.camera.as_ref().unwrap();
     let pipeline = Pipeline { mesh: &mesh, settings, camera, frame: FRAME, crease: 30.0 };
-    pipeline.compare(&pair, &|_| ProgressBar::hidden()).unwrap()
+    pipeline.compare(&pair, &()).unwrap()
 }
 
 fn against(

@@ -16,6 +16,7 @@ use super::pairs::{Facet, PairPoint, sample};
 use crate::color::{Rgb64, luminance};
 use crate::geometry::{Ray, RayCaster, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
+use crate::progress::Stage;
 use crate::sampling::{PointSet, Purpose, Stream};
 use rayon::prelude::*;
 
@@ -92,16 +93,20 @@ fn whole(mesh: &PatchMesh, side: &Side) -> Triangle {
 impl<C: RayCaster> Estimator<'_, C> {
     /// D_i = Σ_j F_ij E_j in W·m⁻² for every patch, from `samples` points each.
     pub fn direct_light(&self, emitters: &Emitters) -> Vec<Rgb64> {
-        self.progress.set_length(self.mesh.len() as u64);
-        (0..self.mesh.len())
+        self.progress.begin(Stage::DirectLight, Some(self.mesh.len() as u64));
+        let light = (0..self.mesh.len())
             .into_par_iter()
             .map_init(DirectWork::default, |work, i| {
                 if i % 64 == 0 {
-                    self.progress.inc(64);
+                    self.progress.advance(64);
                 }
-                work.direct(self, emitters, PatchId(i as u32))
+                // What is left undone is never read: the solution ends with an error.
+                let stopped = self.progress.is_stopped();
+                if stopped { Rgb64::ZERO } else { work.direct(self, emitters, PatchId(i as u32)) }
             })
-            .collect()
+            .collect();
+        self.progress.end();
+        light
     }
 
     /// D_i of one patch, as [`direct_light`](Self::direct_light) would give it.

@@ -8,6 +8,7 @@ use super::{Estimator, RowSource};
 use crate::color::Rgb64;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::PatchId;
+use crate::progress::Stage;
 use crate::sampling::{
     PointSet, Purpose, Stream, cosine_hemisphere, regular_triangle, uniform_triangle,
 };
@@ -95,17 +96,22 @@ impl<C: RayCaster> Estimator<'_, C> {
     /// All rows, in parallel.
     pub fn hemisphere_rows(&self) -> HemisphereRows {
         let rays_per_row = self.samples as usize;
-        self.progress.set_length(self.mesh.len() as u64);
+        self.progress.begin(Stage::FormFactors, Some(self.mesh.len() as u64));
         let mut hits = vec![LOST; self.mesh.len() * rays_per_row];
         hits.par_chunks_mut(rays_per_row).enumerate().for_each_init(
             || HemisphereWork::new(self),
             |work, (i, row)| {
+                // What is left undone is never read: the solution ends with an error.
+                if self.progress.is_stopped() {
+                    return;
+                }
                 work.trace(self, PatchId(i as u32), row);
                 if i % 64 == 0 {
-                    self.progress.inc(64);
+                    self.progress.advance(64);
                 }
             },
         );
+        self.progress.end();
         let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
         HemisphereRows { rays_per_row, hits, areas }
     }

@@ -13,10 +13,10 @@ mod spherical;
 use crate::color::Rgb64;
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
+use crate::progress::Progress;
 use crate::sampling::PointSet;
 pub use exchange::ExchangeMatrix;
 pub use hemisphere::HemisphereRows;
-use indicatif::ProgressBar;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What every estimate needs: whom to ask, about which patches, how often, from which seed.
@@ -27,7 +27,7 @@ pub struct Estimator<'a, C> {
     pub samples: u32,
     pub points: PointSet,
     pub seed: u64,
-    pub progress: &'a ProgressBar,
+    pub progress: &'a dyn Progress,
     rays: AtomicU64,
 }
 
@@ -40,7 +40,7 @@ impl<'a, C: RayCaster> Estimator<'a, C> {
         samples: u32,
         points: PointSet,
         seed: u64,
-        progress: &'a ProgressBar,
+        progress: &'a dyn Progress,
     ) -> Self {
         assert!(samples > 0, "an estimate needs at least one sample");
         let side = samples.isqrt();

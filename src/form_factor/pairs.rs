@@ -12,6 +12,7 @@ use super::spherical::SphericalTriangle;
 use super::{Estimator, RowSource};
 use crate::geometry::{Ray, RayCaster, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
+use crate::progress::Stage;
 use crate::sampling::{PointSet, Purpose, Stream, regular_triangle, uniform_triangle};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -154,16 +155,21 @@ impl<C: RayCaster> Estimator<'_, C> {
     /// The whole matrix, tile by tile, in parallel.
     pub fn exchange_matrix(&self) -> ExchangeMatrix {
         let blocks = self.mesh.len().div_ceil(TILE);
-        self.progress.set_length((blocks * (blocks + 1) / 2) as u64);
+        self.progress.begin(Stage::FormFactors, Some((blocks * (blocks + 1) / 2) as u64));
         let tiles: Vec<Option<Box<Tile>>> = (0..blocks)
             .flat_map(|row| (row..blocks).map(move |column| (row, column)))
             .collect::<Vec<_>>()
             .into_par_iter()
             .map_init(
                 || (PairPoints::new(self), PairWork::default()),
-                |(points, work), (row, column)| self.tile(points, work, row, column),
+                |(points, work), (row, column)| {
+                    // What is left undone is never read: the solution ends with an error.
+                    let stopped = self.progress.is_stopped();
+                    if stopped { None } else { self.tile(points, work, row, column) }
+                },
             )
             .collect();
+        self.progress.end();
         let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
         ExchangeMatrix::new(areas, tiles)
     }
@@ -199,7 +205,7 @@ impl<C: RayCaster> Estimator<'_, C> {
             }
         }
         self.resolve(work, &mut add);
-        self.progress.inc(1);
+        self.progress.advance(1);
         any.then_some(tile)
     }
 

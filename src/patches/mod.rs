@@ -9,7 +9,7 @@ mod cell;
 mod surface_point;
 
 use crate::color::Rgb;
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
 pub use crate::geometry::triangle::MAX_LEVEL;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use crate::scene::{MaterialId, Scene};
@@ -253,7 +253,8 @@ fn check_count(scene: &Scene, levels: &[u32]) -> Result<()> {
              {MAX_LEVEL}",
             levels.iter().max().unwrap_or(&0)
         ))
-        .remedy("raise --max-edge or lower --levels"));
+        .of_kind(ErrorKind::Patches)
+        .remedy("take larger patches"));
     }
     Ok(())
 }

@@ -7,9 +7,9 @@ pub mod tone;
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::{PatchMesh, SurfacePoint};
+use crate::progress::{Progress, Stage};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
-use indicatif::ProgressBar;
 use rayon::prelude::*;
 use shading::Shading;
 
@@ -47,10 +47,10 @@ pub fn render(
     camera: &Camera,
     frame: &Frame,
     shadings: &[&dyn Shading],
-    progress: &ProgressBar,
+    progress: &dyn Progress,
 ) -> Vec<Image> {
     let row_length = frame.width as usize * shadings.len();
-    progress.set_length(frame.height as u64);
+    progress.begin(Stage::Render, Some(frame.height as u64));
     let mut rows = vec![Rgb::ZERO; row_length * frame.height as usize];
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
         Work::default,
@@ -58,9 +58,10 @@ pub fn render(
             for (x, pixel) in row.chunks_mut(shadings.len()).enumerate() {
                 work.draw(caster, mesh, camera, frame, (x, y), shadings, pixel);
             }
-            progress.inc(1);
+            progress.advance(1);
         },
     );
+    progress.end();
     (0..shadings.len())
         .map(|s| Image {
             width: frame.width,

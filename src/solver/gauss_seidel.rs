@@ -5,16 +5,16 @@
 
 use super::{Problem, Stop};
 use crate::color::Rgb64;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::form_factor::FormFactors;
 use crate::patches::PatchId;
-use indicatif::ProgressBar;
+use crate::progress::Progress;
 
 pub fn solve(
     problem: &Problem,
     form_factors: &FormFactors,
     stop: Stop,
-    progress: &ProgressBar,
+    progress: &dyn Progress,
 ) -> Result<(Vec<Rgb64>, Vec<f64>)> {
     let mut radiosity = problem.source.clone();
     let mut residuals = Vec::new();
@@ -24,7 +24,10 @@ pub fn solve(
             radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance;
         }
         residuals.push(problem.residual(&radiosity, &form_factors.gather(&radiosity)));
-        progress.inc(1);
+        progress.advance(1);
+        if progress.is_stopped() {
+            return Err(Error::stopped());
+        }
     }
     Ok((radiosity, residuals))
 }

@@ -2,15 +2,15 @@
 
 use super::{Problem, Stop};
 use crate::color::Rgb64;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::form_factor::FormFactors;
-use indicatif::ProgressBar;
+use crate::progress::Progress;
 
 pub fn solve(
     problem: &Problem,
     form_factors: &FormFactors,
     stop: Stop,
-    progress: &ProgressBar,
+    progress: &dyn Progress,
 ) -> Result<(Vec<Rgb64>, Vec<f64>)> {
     let mut radiosity = problem.source.clone();
     let mut irradiance = form_factors.gather(&radiosity);
@@ -21,7 +21,10 @@ pub fn solve(
         }
         irradiance = form_factors.gather(&radiosity);
         residuals.push(problem.residual(&radiosity, &irradiance));
-        progress.inc(1);
+        progress.advance(1);
+        if progress.is_stopped() {
+            return Err(Error::stopped());
+        }
     }
     Ok((radiosity, residuals))
 }

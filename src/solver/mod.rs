@@ -9,10 +9,10 @@ mod jacobi;
 mod southwell;
 
 use crate::color::Rgb64;
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{FormFactors, RowSource};
 use crate::patches::PatchMesh;
-use indicatif::ProgressBar;
+use crate::progress::{Progress, Stage};
 
 /// The known parts of the equation, one entry per patch.
 pub struct Problem {
@@ -72,20 +72,23 @@ impl Problem {
     ///
     /// # Errors
     /// A problem that cannot converge: ρ ≥ 1 in a closed loop of light, a residual that grows, or one
-    /// that is still above the tolerance after 10,000 iterations.
+    /// that is still above the tolerance after 10,000 iterations. Or `progress` asked to stop.
     pub fn solve(
         &self,
         form_factors: &FormFactors,
         method: MatrixMethod,
         stop: Stop,
-        progress: &ProgressBar,
+        progress: &dyn Progress,
     ) -> Result<Solution> {
         let row_sums = form_factors.row_sums();
         self.check_row_sums(&row_sums)?;
-        let (radiosity, residuals) = match method {
-            MatrixMethod::Jacobi => jacobi::solve(self, form_factors, stop, progress)?,
-            MatrixMethod::GaussSeidel => gauss_seidel::solve(self, form_factors, stop, progress)?,
+        progress.begin(Stage::Solve, None);
+        let found = match method {
+            MatrixMethod::Jacobi => jacobi::solve(self, form_factors, stop, progress),
+            MatrixMethod::GaussSeidel => gauss_seidel::solve(self, form_factors, stop, progress),
         };
+        progress.end();
+        let (radiosity, residuals) = found?;
         Ok(Solution {
             irradiance: form_factors.gather(&radiosity),
             radiosity,
@@ -99,14 +102,17 @@ impl Problem {
     /// Solves by shooting, with rows on demand.
     ///
     /// # Errors
-    /// A problem that cannot converge.
+    /// A problem that cannot converge, or `progress` asked to stop.
     pub fn shoot(
         &self,
         rows: &impl RowSource,
         stop: Stop,
-        progress: &ProgressBar,
+        progress: &dyn Progress,
     ) -> Result<Solution> {
-        southwell::solve(self, rows, stop, progress)
+        progress.begin(Stage::Shots, None);
+        let found = southwell::solve(self, rows, stop, progress);
+        progress.end();
+        found
     }
 
     /// Number of patches.
@@ -183,9 +189,9 @@ impl Stop {
 }
 
 fn cannot_converge(why: String) -> Error {
-    Error::new(format!("the light does not converge: {why}")).remedy(
-        "lower reflectances that are near 1, or raise --tolerance; with --form-factors pairs take \
-         more --samples (a form factor that is too large multiplies light) or use hemisphere",
+    Error::new(format!("the light does not converge: {why}")).of_kind(ErrorKind::Divergence).remedy(
+        "lower reflectances that are near 1, or raise the tolerance; between pairs of patches take \
+         more samples (a form factor that is too large multiplies light), or use hemispheres",
     )
 }
 

@@ -7,16 +7,16 @@
 
 use super::{Problem, Solution, Stop, cannot_converge};
 use crate::color::Rgb64;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::form_factor::RowSource;
 use crate::patches::PatchId;
-use indicatif::ProgressBar;
+use crate::progress::Progress;
 
 pub fn solve(
     problem: &Problem,
     rows: &impl RowSource,
     stop: Stop,
-    progress: &ProgressBar,
+    progress: &dyn Progress,
 ) -> Result<Solution> {
     let n = problem.len();
     let most = super::MOST_ITERATIONS.max(1000 * n);
@@ -59,7 +59,10 @@ pub fn solve(
             solution.residuals.extend(residual.last());
         }
         solution.iterations += 1;
-        progress.inc(1);
+        progress.advance(1);
+        if progress.is_stopped() {
+            return Err(Error::stopped());
+        }
     }
     if solution.residuals.last() != residual.last() {
         solution.residuals.extend(residual.last());

@@ -12,9 +12,7 @@ use glam::Vec3;
 
 const METHODS: [MatrixMethod; 2] = [MatrixMethod::Jacobi, MatrixMethod::GaussSeidel];
 
-fn quiet() -> ProgressBar {
-    ProgressBar::hidden()
-}
+fn quiet() {}
 
 fn to(tolerance: f64) -> Stop {
     Stop::Tolerance(tolerance)

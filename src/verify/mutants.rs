@@ -9,7 +9,6 @@ use crate::bvh::mutants::{CONTROL, MUTANTS, Mutant};
 use crate::geometry::{BruteForce, MollerTrumbore, Triangle};
 use crate::scene::{Camera, Material, MaterialId, Scene};
 use glam::{Quat, Vec3};
-use indicatif::ProgressBar;
 
 const RAYS: u64 = 10_000;
 
@@ -53,9 +52,7 @@ fn surveyed(mutant: &Mutant) -> Option<String> {
         Camera::fitted(&scene.triangles, &BruteForce::<MollerTrumbore>::new(&scene.triangles));
     let source = RaySource::new(&scene, &camera, 1);
     let peers = [brute_force(&scene.triangles)];
-    let finding =
-        survey(&scene.triangles, &*native, &peers, &source, RAYS / 2, &ProgressBar::hidden())
-            .remove(0);
+    let finding = survey(&scene.triangles, &*native, &peers, &source, RAYS / 2, &()).remove(0);
     let wrong = finding.total().failures();
     assert_eq!(wrong > 0, finding.failures.iter().any(|source| source.contains("from_bits")));
     let kinds: Vec<String> = Kind::ALL

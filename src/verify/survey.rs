@@ -6,7 +6,7 @@ use super::rays::{Kind, RaySource};
 use super::tally::Tally;
 use super::verdict::Judge;
 use crate::geometry::{Hit, Ray, RayCaster, Triangle};
-use indicatif::ProgressBar;
+use crate::progress::{Progress, Stage};
 use rayon::prelude::*;
 
 /// A caster to hold the native one against.
@@ -56,10 +56,10 @@ pub fn survey<'t>(
     peers: &[Peer],
     source: &RaySource,
     rays: u64,
-    progress: &ProgressBar,
+    progress: &dyn Progress,
 ) -> Vec<Finding> {
     let chunks = chunks(rays);
-    progress.set_length(chunks.len() as u64);
+    progress.begin(Stage::Verify, Some(chunks.len() as u64));
     let judges: Vec<Judge<'t>> = peers
         .iter()
         .map(|peer| Judge::new(triangles, Arithmetic::MollerTrumbore, peer.arithmetic))
@@ -68,10 +68,11 @@ pub fn survey<'t>(
         .par_iter()
         .map(|chunk| {
             let records = chunk.ask(native, peers, &judges, source);
-            progress.inc(1);
+            progress.advance(1);
             records
         })
         .collect();
+    progress.end();
     peers
         .iter()
         .enumerate()

@@ -4,7 +4,6 @@
 #![allow(dead_code)]
 
 use glam::{DVec3, Vec3};
-use indicatif::ProgressBar;
 use isolux::bvh::Bvh;
 use isolux::color::Rgb;
 use isolux::form_factor::Estimator;
@@ -145,7 +144,6 @@ pub fn all(mesh: &PatchMesh) -> impl Iterator<Item = PatchId> + use<> {
 pub struct World {
     pub mesh: PatchMesh,
     pub bvh: Bvh,
-    quiet: ProgressBar,
 }
 
 impl World {
@@ -155,11 +153,11 @@ impl World {
 
     pub fn of(mesh: PatchMesh) -> Self {
         let bvh = Bvh::build(mesh.scene.triangles.clone());
-        World { mesh, bvh, quiet: ProgressBar::hidden() }
+        World { mesh, bvh }
     }
 
     pub fn estimator(&self, samples: u32, points: PointSet, seed: u64) -> Estimator<'_, Bvh> {
-        Estimator::new(&self.bvh, &self.mesh, samples, points, seed, &self.quiet)
+        Estimator::new(&self.bvh, &self.mesh, samples, points, seed, &())
     }
 
     pub fn random(&self, samples: u32, seed: u64) -> Estimator<'_, Bvh> {

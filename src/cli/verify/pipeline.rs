@@ -1,6 +1,7 @@
 //! `isolux verify --diff-image`: the whole pipeline on two tracers, and a picture of where it differs.
 
-use crate::cli::{light, progress, render};
+use crate::cli::progress::Bars;
+use crate::cli::{light, render};
 use crate::equivalence::{Cause, Pair, Pipeline, Stage, Summary};
 use crate::error::Result;
 use crate::export::file::Output;
@@ -55,7 +56,7 @@ pub fn run(
     let settings = settings(&mesh, seed);
     let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: CREASE_DEGREES };
     let comparison = pipeline
-        .compare(&pair, &progress::stage)
+        .compare(&pair, &Bars::new())
         .map_err(|error| error.in_file_if_none(&description.file))?;
 
     let exposure = description

@@ -1,0 +1,39 @@
+//! How far a long computation is, and whether it shall stop.
+
+/// A step of a run that can take long.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    DirectLight,
+    FormFactors,
+    /// Iterations on a stored matrix.
+    Solve,
+    /// Shots of light, with rows on demand.
+    Shots,
+    Render,
+    Verify,
+    Bench,
+}
+
+/// Hears how far a computation is, from any thread, and can ask it to stop. `()` hears nothing.
+pub trait Progress: Sync {
+    /// A stage begins. `amount`: how much there is to do, where that is known.
+    fn begin(&self, stage: Stage, amount: Option<u64>);
+
+    /// This much more of the stage is done.
+    fn advance(&self, amount: u64);
+
+    /// The stage is over.
+    fn end(&self);
+
+    /// Whether to give up: the computation returns an error of kind
+    /// [`Stopped`](crate::error::ErrorKind::Stopped) soon after.
+    fn is_stopped(&self) -> bool {
+        false
+    }
+}
+
+impl Progress for () {
+    fn begin(&self, _: Stage, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn end(&self) {}
+}
