@@ -1,6 +1,23 @@
 //! isolux is a radiosity renderer for triangle meshes with diffuse materials: it solves the radiosity
 //! equation on the patches of a scene with its own ray tracer and shows the solution as pictures.
 //!
+//! A program that draws a picture:
+//!
+//! ```no_run
+//! use isolux::{Document, Frame, Settings, Solution, Tracer};
+//!
+//! fn main() -> isolux::Result<()> {
+//!     let document = Document::open("scenes/cornell-box.toml")?;
+//!     let scene = document.scene()?;
+//!     let tracer = Tracer::build(&scene);
+//!     let light = Solution::solve(&document, &scene, &tracer, &Settings::default(), &())?;
+//!     light.save("cornell.light")?;
+//!     let frame = Frame::new(512, 512);
+//!     let picture = light.smooth(30.0).draw(&tracer, &light.camera, &frame, &());
+//!     picture.save("cornell.png", light.exposure(&picture))
+//! }
+//! ```
+//!
 //! # The walk of a run
 //!
 //! ```text
@@ -14,6 +31,7 @@
 //! | layer | module | holds |
 //! | --- | --- | --- |
 //! | 0 | [`error`] | errors that the user can fix: file, line, cause, remedy |
+//! | 1 | [`settings`] | what a user can ask for: flags, `[patches]` and `[light]`, programs |
 //! | 1 | [`progress`] | how far a computation is, and whether it shall stop |
 //! | 1 | [`color`], [`sampling`], [`memory`] | linear RGB; seeded points and their maps; memory free and used |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
@@ -26,6 +44,7 @@
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
 //! | 8 | [`render`], [`export`] | flat and smooth pictures, exposure; files that appear whole |
+//! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
 //! | 9 | [`mod@bench`] | rays per second beside Embree's, on scenes made in memory |
 //! | 10 | [`cli`] | one file per subcommand |
@@ -83,6 +102,18 @@ pub mod radiosity;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod settings;
 pub mod solution;
 pub mod solver;
 pub mod verify;
+pub mod view;
+
+pub use bvh::Tracer;
+pub use error::{Error, ErrorKind, Result};
+pub use geometry::RayCaster;
+pub use progress::{Progress, Stage};
+pub use render::{Frame, Image};
+pub use scene::{Camera, Document, Scene};
+pub use settings::Settings;
+pub use solution::Solution;
+pub use view::View;

@@ -13,30 +13,16 @@ use crate::memory;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
 use crate::sampling::PointSet;
+use crate::settings::Settings;
+pub use crate::settings::{Method, Solver};
 use crate::solver::{MatrixMethod, Problem, Solution, Stop};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// How form factors are estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// Samples of each pair of patches: reciprocal by construction, n² work.
-    Pairs,
-    /// Cosine-distributed rays from each patch: rows that sum to 1, n work.
-    Hemisphere,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Solver {
-    Matrix(MatrixMethod),
-    /// Shooting with rows on demand.
-    Southwell,
-}
-
 /// Everything that decides a solution, beside the patches.
 #[derive(Debug, Clone, Copy)]
-pub struct Settings {
+pub struct Choices {
     pub method: Method,
     /// Samples a pair, or rays a patch.
     pub samples: u32,
@@ -51,7 +37,50 @@ pub struct Settings {
     pub memory_limit: Option<u64>,
 }
 
-impl Settings {
+/// Samples per pair of patches, and rays per patch, unless another number is asked for.
+const PAIR_SAMPLES: u32 = 9;
+const HEMISPHERE_RAYS: u32 = 256;
+
+/// Points of small emitters per patch.
+const DIRECT_SAMPLES: u32 = 64;
+
+/// The relative residual at which to stop.
+const TOLERANCE: f64 = 1e-4;
+
+impl Choices {
+    /// What the settings ask for, and the defaults that suit the patches.
+    ///
+    /// # Errors
+    /// A number of regular points that is no square.
+    pub fn new(settings: &Settings, mesh: &PatchMesh) -> Result<Choices> {
+        let light = &settings.light;
+        let method = light.form_factors.unwrap_or(Method::Hemisphere);
+        let samples = light.samples.unwrap_or(match method {
+            Method::Pairs => PAIR_SAMPLES,
+            Method::Hemisphere => HEMISPHERE_RAYS,
+        });
+        let points = light.points.unwrap_or_default();
+        if points == PointSet::Regular && samples.isqrt().pow(2) != samples {
+            return Err(Error::new(format!("{samples} regular points"))
+                .remedy("a triangle splits regularly into 1, 4, 9, 16, … parts: give a square"));
+        }
+        let sampled = method == Method::Hemisphere && has_small_emitters(mesh);
+        let tolerance = Stop::Tolerance(light.tolerance.unwrap_or(TOLERANCE));
+        Ok(Choices {
+            method,
+            samples,
+            points,
+            direct_samples: light.direct.unwrap_or(if sampled { DIRECT_SAMPLES } else { 0 }),
+            solver: light.solver.unwrap_or(Solver::GaussSeidel),
+            stop: light.iterations.map_or(tolerance, Stop::Iterations),
+            seed: settings.seed,
+            memory_limit: match light.memory {
+                Some(mebibytes) => Some(mebibytes.saturating_mul(1 << 20)),
+                None => memory::available().map(|bytes| bytes / 5 * 4),
+            },
+        })
+    }
+
     /// At most how many rays a solution takes, with n patches: for each `samples` and `direct_samples` by
     /// hemispheres, or `samples` for each of n²/2 pairs.
     pub fn expected_rays(&self, mesh: &PatchMesh) -> u64 {
@@ -102,10 +131,10 @@ pub struct Radiosity {
 const BYTES_PER_PATCH: u64 = 320;
 
 /// Above this share of the scene's area emitters are not small, and rays find them.
-pub const SMALL_EMITTERS: f64 = 0.1;
+const SMALL_EMITTERS: f64 = 0.1;
 
 /// Whether the emitters are so small a part of the scene that they should be sampled themselves.
-pub fn has_small_emitters(mesh: &PatchMesh) -> bool {
+fn has_small_emitters(mesh: &PatchMesh) -> bool {
     Emitters::of(mesh).area() <= SMALL_EMITTERS * mesh.scene.area()
 }
 
@@ -116,7 +145,7 @@ pub fn has_small_emitters(mesh: &PatchMesh) -> bool {
 pub fn solve(
     caster: &impl RayCaster,
     mesh: &PatchMesh,
-    settings: &Settings,
+    settings: &Choices,
     progress: &dyn Progress,
 ) -> Result<Radiosity> {
     if !mesh.scene.emits() {
@@ -155,8 +184,13 @@ pub fn solve(
             .collect(),
     };
     let problem = Problem::new(mesh, source);
-    let (transport_time, solution, reciprocity_defect) = match settings.solver {
-        Solver::Matrix(method) => {
+    let method = match settings.solver {
+        Solver::Jacobi => Some(MatrixMethod::Jacobi),
+        Solver::GaussSeidel => Some(MatrixMethod::GaussSeidel),
+        Solver::Southwell => None,
+    };
+    let (transport_time, solution, reciprocity_defect) = match method {
+        Some(method) => {
             let form_factors = matrix(&estimator, settings);
             go_on(progress)?;
             let transport_time = start.elapsed();
@@ -165,7 +199,7 @@ pub fn solve(
             let Defects { reciprocity, .. } = form_factors.defects(&sums);
             (transport_time, solution, Some(reciprocity))
         }
-        Solver::Southwell => {
+        None => {
             let clock = Clock::default();
             let solution = shoot(&estimator, &problem, settings, &clock, progress)?;
             let transport_time = clock.elapsed();
@@ -187,7 +221,7 @@ fn go_on(progress: &dyn Progress) -> Result<()> {
 }
 
 /// Works out what will be stored, before any of it is.
-fn check_memory(mesh: &PatchMesh, settings: &Settings) -> Result<()> {
+fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {
     let patches = mesh.len();
     let vectors = patches as u64 * BYTES_PER_PATCH;
     let what = format!("the light of {patches} patches");
@@ -209,7 +243,7 @@ fn check_memory(mesh: &PatchMesh, settings: &Settings) -> Result<()> {
     memory::check(&what, bytes, settings.memory_limit, remedy)
 }
 
-fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Settings) -> FormFactors {
+fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Choices) -> FormFactors {
     match settings.method {
         Method::Pairs => FormFactors::Exchange(of.exchange_matrix()),
         Method::Hemisphere => FormFactors::Rows(of.hemisphere_rows()),
@@ -241,7 +275,7 @@ impl<R: RowSource> RowSource for Timed<'_, R> {
 fn shoot<C: RayCaster>(
     of: &Estimator<C>,
     problem: &Problem,
-    settings: &Settings,
+    settings: &Choices,
     clock: &Clock,
     progress: &dyn Progress,
 ) -> Result<Solution> {

@@ -11,12 +11,19 @@
 //! every machine.
 
 use crate::color::Rgb64;
+use crate::coverage;
 use crate::error::{Error, Result};
-use crate::patches::PatchMesh;
-use crate::radiosity::{Energy, Radiosity};
-use crate::scene::description::ImageDefaults;
-use crate::scene::{Camera, Scene};
+use crate::export::file::{Output, write_all};
+use crate::geometry::RayCaster;
+use crate::patches::{PatchMesh, Subdivision};
+use crate::progress::Progress;
+use crate::radiosity::{self, Choices, Energy, Radiosity};
+use crate::render::{Image, tone};
+use crate::scene::document::ImageDefaults;
+use crate::scene::{Camera, Document, Scene};
+use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The light of a scene, with the scene.
@@ -33,6 +40,8 @@ pub struct Solution {
     pub figures: Figures,
     /// The view that is drawn unless another is asked for.
     pub camera: Camera,
+    /// The document's further views by name.
+    pub views: BTreeMap<String, Camera>,
     /// The scene's wishes for a picture.
     pub image: ImageDefaults,
 }
@@ -60,20 +69,41 @@ const VERSION: u32 = 1;
 const HEADER: usize = MAGIC.len() + 8;
 
 impl Solution {
+    /// Solves the light of a scene. What they leave open the document may say.
+    ///
+    /// # Errors
+    /// Settings out of their ranges, and those of [`radiosity::solve`].
+    pub fn solve(
+        document: &Document,
+        scene: &Scene,
+        caster: &impl RayCaster,
+        settings: &Settings,
+        progress: &dyn Progress,
+    ) -> Result<Solution> {
+        let patches = settings.patches.or(&document.patches);
+        let light = settings.light.or(&document.light);
+        let settings = Settings { patches, light, seed: settings.seed };
+        let mesh = PatchMesh::subdivide(scene, Subdivision::of(&settings.patches))?;
+        let choices = Choices::new(&settings, &mesh)?;
+        let light = radiosity::solve(caster, &mesh, &choices, progress)?;
+        let (uncovered, _) = coverage::uncovered(caster, &mesh);
+        let camera = document.view(scene, caster);
+        Ok(Solution::new(document, &mesh, (light, uncovered), camera))
+    }
+
     /// Keeps the light that was found for a scene.
     ///
     /// # Panics
     /// If a list has another length than the mesh.
     pub fn new(
-        title: String,
+        document: &Document,
         mesh: &PatchMesh,
         (light, uncovered): (Radiosity, Vec<f64>),
         camera: Camera,
-        image: ImageDefaults,
     ) -> Solution {
         assert_eq!((light.irradiance.len(), uncovered.len()), (mesh.len(), mesh.len()));
         Solution {
-            title,
+            title: document.title.clone(),
             scene: mesh.scene.clone(),
             levels: mesh.levels(),
             irradiance: light.irradiance,
@@ -88,13 +118,44 @@ impl Solution {
                 rays: light.rays,
             },
             camera,
-            image,
+            views: document.views.clone(),
+            image: document.image.clone(),
         }
+    }
+
+    /// The view of this name.
+    ///
+    /// # Errors
+    /// A name that no view has.
+    pub fn view(&self, name: &str) -> Result<&Camera> {
+        self.views.get(name).ok_or_else(|| {
+            let known: Vec<&str> = self.views.keys().map(String::as_str).collect();
+            let error = Error::new(format!("no view has the name {name}"));
+            if known.is_empty() {
+                error.remedy("describe it as [views.NAME] in the scene's description")
+            } else {
+                error.remedy(format!("there are: {}", known.join(", ")))
+            }
+        })
     }
 
     /// The scene's patches, numbered as the irradiance is.
     pub fn patches(&self) -> PatchMesh {
         PatchMesh::from_levels(&self.scene, &self.levels).expect("checked when it was made")
+    }
+
+    /// The factor from radiance to display with which a picture is neither dark nor burnt out.
+    pub fn exposure(&self, image: &Image) -> f32 {
+        let automatic = || tone::automatic_exposure(image, self.scene.dimmest_emitter());
+        self.image.exposure.unwrap_or_else(automatic)
+    }
+
+    /// Writes a `.light` file, whole or not at all.
+    ///
+    /// # Errors
+    /// Whatever the system says.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        write_all(vec![Output { path: path.as_ref().to_path_buf(), bytes: self.to_bytes() }])
     }
 
     /// The bytes of a `.light` file.
@@ -146,7 +207,8 @@ impl Solution {
 
     /// # Errors
     /// See [`Solution::from_bytes`]; or a file that cannot be read.
-    pub fn load(path: &Path) -> Result<Solution> {
+    pub fn load(path: impl AsRef<Path>) -> Result<Solution> {
+        let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(|error| {
             Error::io(path, "read the light file", &error).remedy("check the path")
         })?;
@@ -179,7 +241,6 @@ impl Solution {
 mod tests {
     use super::*;
     use crate::geometry::Triangle;
-    use crate::patches::Subdivision;
     use crate::scene::{Material, MaterialId};
     use glam::Vec3;
     use std::time::Duration;
@@ -203,7 +264,8 @@ mod tests {
         };
         let camera = Camera::new(Vec3::Z, Vec3::ZERO, Vec3::Y, 40.0, 0.0).expect("a camera");
         let light = (light, vec![1.0; 16]);
-        Solution::new("one".into(), &mesh, light, camera, ImageDefaults::default())
+        let document = Document::open("one.obj").expect("a name is enough");
+        Solution::new(&document, &mesh, light, camera)
     }
 
     #[test]

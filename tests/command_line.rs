@@ -577,3 +577,58 @@ fn light_that_is_damaged_foreign_or_solved_otherwise_is_refused() {
     assert!(said.contains("three numbers"), "{said}");
     assert!(!room.path("out.png").exists());
 }
+
+/// The room with two views beside its camera, and wishes for its light.
+fn room_with_views() -> Room {
+    let room = Room::new();
+    let text = fs::read_to_string(room.path("room.toml")).unwrap()
+        + "[views.left]\nposition = [-5, 2, 2]\nlook_at = [2, 1, 2]\n"
+        + "[views.again]\nposition = [2, 2, 9]\nlook_at = [2, 1, 0]\n"
+        + "[light]\nsamples = 64\nsolver = 'jacobi'\niterations = 3\n";
+    room.write("room.toml", &text);
+    room
+}
+
+#[test]
+fn each_view_that_is_asked_for_has_a_picture() {
+    let room = room_with_views();
+    room.render("room.toml", &["--view", "left,again", "--shading", "flat,smooth"])
+        .assert()
+        .success();
+    let read = |name: &str| fs::read(room.path(name)).expect(name);
+    let left = ["out-left-flat.png", "out-left-smooth.png"].map(read);
+    let again = ["out-again-flat.png", "out-again-smooth.png"].map(read);
+    assert!(left[0] != again[0] && left[1] != again[1] && left[0] != left[1]);
+    // From a .light as well; one view alone needs no name of its own.
+    room.solve("room.toml", "room.light", &[]).assert().success();
+    let exposure = ["--exposure", "0.5"];
+    room.show("room.light", "one.png", &[&["--view", "left"][..], &exposure].concat())
+        .assert()
+        .success();
+    room.show("room.light", "two.png", &[&["--view", "again"][..], &exposure].concat())
+        .assert()
+        .success();
+    room.show("room.light", "own.png", &exposure).assert().success();
+    assert!(read("two.png") == read("own.png") && read("one.png") != read("own.png"));
+    let said = room.show("room.light", "no.png", &["--view", "right"]).assert().code(2);
+    let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("right") && said.contains("again, left"), "{said}");
+    room.show("room.light", "no.png", &["--view", "../x"]).assert().code(2);
+}
+
+#[test]
+fn the_light_of_a_description_is_obeyed_and_flags_come_before_it() {
+    let room = room_with_views();
+    let iterations = |more: &[&str]| {
+        let stats = room.path("stats.json");
+        let more = [&["--stats", stats.to_str().unwrap()], more].concat();
+        room.render("room.toml", &more).assert().success();
+        let stats = json(&stats);
+        (stats["iterations"].as_u64().unwrap(), stats["transport_rays"].as_u64().unwrap())
+    };
+    let (three, few_rays) = iterations(&[]);
+    assert_eq!(three, 3);
+    assert_eq!(iterations(&["--iterations", "5"]), (5, few_rays));
+    let (until, rays) = iterations(&["--tolerance", "1e-6", "--samples", "256"]);
+    assert!(until > 3 && rays > few_rays, "{until} iterations, {rays} rays");
+}

@@ -12,13 +12,13 @@ use isolux::form_factor::{Estimator, FormFactors};
 use isolux::geometry::{Hit, MollerTrumbore, Ray, RayCaster, Triangle};
 use isolux::oracle::{Device, EmbreeScene, Isa, Options, Packets};
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
-use isolux::radiosity::{self, Method, Radiosity, Settings, Solver};
+use isolux::radiosity::{self, Choices, Method, Radiosity, Solver};
 use isolux::render::shading::{Flat, Shading, Smooth};
 use isolux::render::smooth::VertexIrradiance;
 use isolux::render::{Frame, Image, render};
 use isolux::sampling::PointSet;
-use isolux::scene::{Camera, Description, Scene};
-use isolux::solver::{MatrixMethod, Stop};
+use isolux::scene::{Camera, Document, Scene};
+use isolux::solver::Stop;
 use isolux::verify::bounds::Arithmetic;
 use isolux::verify::cross_checked::CrossChecked;
 use isolux::verify::verdict::Judge;
@@ -27,9 +27,9 @@ use std::path::Path;
 
 const SCENES: [&str; 3] = ["cornell-box", "course-room", "furnace"];
 
-fn load(name: &str) -> (Scene, Description) {
+fn load(name: &str) -> (Scene, Document) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.toml"));
-    let description = Description::load(&path).expect("a description");
+    let description = Document::open(&path).expect("a description");
     (Scene::load(&description).expect("a scene"), description)
 }
 
@@ -59,13 +59,13 @@ fn both(triangles: &[Triangle], isa: Isa, robust: bool) -> CrossChecked<'_, Bvh,
     CrossChecked::new(Bvh::build(triangles), embree, judge(triangles, robust))
 }
 
-fn settings(method: Method) -> Settings {
-    Settings {
+fn settings(method: Method) -> Choices {
+    Choices {
         method,
         samples: if method == Method::Pairs { 4 } else { 64 },
         points: PointSet::Sobol,
         direct_samples: 0,
-        solver: Solver::Matrix(MatrixMethod::GaussSeidel),
+        solver: Solver::GaussSeidel,
         stop: Stop::Tolerance(1e-6),
         seed: 3,
         memory_limit: None,
@@ -76,7 +76,7 @@ fn light(caster: &impl RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity
     radiosity::solve(caster, mesh, &settings(method), &()).expect("light")
 }
 
-fn draw(caster: &impl RayCaster, mesh: &PatchMesh, from: &Description, light: &Radiosity) -> Image {
+fn draw(caster: &impl RayCaster, mesh: &PatchMesh, from: &Document, light: &Radiosity) -> Image {
     let flat = Flat::new(mesh, &light.irradiance, &vec![1.0; mesh.len()]);
     let frame = Frame { width: 96, height: 96, samples: 4, seed: 3 };
     let camera = from.camera.as_ref().expect("a camera");
@@ -159,7 +159,7 @@ fn compare(scene: &Scene, camera: &Camera, level: u32, isa: Isa, robust: bool) {
     let pair = Pair { native: &native, peer: &peer, judge, peer_is_ours: false };
     let summary = Pipeline {
         mesh: &mesh,
-        settings: Settings { direct_samples: 16, ..settings(Method::Hemisphere) },
+        settings: Choices { direct_samples: 16, ..settings(Method::Hemisphere) },
         camera,
         frame: Frame { width: 96, height: 96, samples: 4, seed: 3 },
         crease: 30.0,

@@ -7,7 +7,7 @@ use isolux::form_factor::{Estimator, direct::Emitters};
 use isolux::geometry::MollerTrumbore;
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::sampling::PointSet;
-use isolux::scene::{Description, Scene};
+use isolux::scene::{Document, Scene};
 use std::path::Path;
 use std::process::Command;
 
@@ -110,7 +110,7 @@ fn the_furnace_glows_evenly() {
 #[test]
 fn light_reaches_the_dark_room_by_reflection_alone() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/two-rooms.toml");
-    let scene = Scene::load(&Description::load(&path).unwrap()).unwrap();
+    let scene = Scene::load(&Document::open(&path).unwrap()).unwrap();
     let mesh = PatchMesh::subdivide(&scene, Subdivision::MaxEdge(0.3)).unwrap();
     let caster = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let quiet = ();

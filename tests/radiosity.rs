@@ -9,10 +9,10 @@ use isolux::form_factor::{ExchangeMatrix, FormFactors, HemisphereRows};
 use isolux::geometry::Triangle;
 use isolux::patches::PatchId;
 use isolux::progress::{Progress, Stage};
-use isolux::radiosity::{Method, Radiosity, Settings, Solver, solve};
+use isolux::radiosity::{Choices, Method, Radiosity, Solver, solve};
 use isolux::sampling::{PointSet, regular_triangle};
 use isolux::scene::Scene;
-use isolux::solver::{MatrixMethod, Stop};
+use isolux::solver::Stop;
 use scenes::{
     Measured, Piece, World, all, askew, cube, grey, icosphere, inside_out, patches_of, scene,
     square,
@@ -21,11 +21,7 @@ use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 const METHODS: [Method; 2] = [Method::Pairs, Method::Hemisphere];
-const SOLVERS: [Solver; 3] = [
-    Solver::Matrix(MatrixMethod::Jacobi),
-    Solver::Matrix(MatrixMethod::GaussSeidel),
-    Solver::Southwell,
-];
+const SOLVERS: [Solver; 3] = [Solver::Jacobi, Solver::GaussSeidel, Solver::Southwell];
 
 /// The relative residual to reach. Shooting estimates each row anew, so it stops earlier.
 fn tolerance(solver: Solver) -> f64 {
@@ -33,8 +29,8 @@ fn tolerance(solver: Solver) -> f64 {
 }
 
 /// Everything through the form factors, from seed 1.
-fn settings(method: Method, solver: Solver) -> Settings {
-    Settings {
+fn settings(method: Method, solver: Solver) -> Choices {
+    Choices {
         method,
         samples: if method == Method::Pairs { 64 } else { 256 },
         points: PointSet::Sobol,
@@ -46,11 +42,11 @@ fn settings(method: Method, solver: Solver) -> Settings {
     }
 }
 
-fn light(world: &World, settings: &Settings) -> Radiosity {
+fn light(world: &World, settings: &Choices) -> Radiosity {
     solve(&world.bvh, &world.mesh, settings, &()).expect("it converges")
 }
 
-fn refusal(world: &World, settings: &Settings) -> String {
+fn refusal(world: &World, settings: &Choices) -> String {
     let answer = solve(&world.bvh, &world.mesh, settings, &());
     answer.err().expect("an error").to_string()
 }
@@ -62,7 +58,7 @@ fn room() -> Vec<Triangle> {
 
 /// The matrix that [`solve`] uses with these settings, as rows of numbers. Shooting reads F_ij A_i / A_j
 /// off row i for what j receives.
-fn received(world: &World, settings: &Settings) -> Vec<Vec<f64>> {
+fn received(world: &World, settings: &Choices) -> Vec<Vec<f64>> {
     let estimator = world.estimator(settings.samples, settings.points, settings.seed);
     let matrix = match settings.method {
         Method::Pairs => FormFactors::Exchange(estimator.exchange_matrix()),
@@ -72,7 +68,7 @@ fn received(world: &World, settings: &Settings) -> Vec<Vec<f64>> {
     let mut f = vec![vec![0.0; n]; n];
     for i in all(&world.mesh) {
         matrix.for_each_in_row(i, |j, factor| match settings.solver {
-            Solver::Matrix(_) => f[i.index()][j] += factor,
+            Solver::Jacobi | Solver::GaussSeidel => f[i.index()][j] += factor,
             Solver::Southwell => {
                 f[j][i.index()] += factor * world.mesh.area(i) / world.mesh.area(PatchId(j as u32));
             }
@@ -221,9 +217,9 @@ fn form_factors_in_an_integrating_sphere_are_shares_of_its_area_up_to_the_faceti
 }
 
 /// Mean and standard error of every patch's irradiance over seeds of their own.
-fn irradiances(world: &World, settings: &Settings, seeds: std::ops::Range<u64>) -> Vec<Measured> {
+fn irradiances(world: &World, settings: &Choices, seeds: std::ops::Range<u64>) -> Vec<Measured> {
     let runs: Vec<Radiosity> =
-        seeds.map(|seed| light(world, &Settings { seed, ..*settings })).collect();
+        seeds.map(|seed| light(world, &Choices { seed, ..*settings })).collect();
     (0..world.mesh.len())
         .map(|i| {
             let values: Vec<f64> = runs.iter().map(|run| run.irradiance[i].x).collect();
@@ -293,10 +289,7 @@ fn one_lit_face_of_an_integrating_sphere_lights_all_others_alike() {
     println!("quadrature {most:.1e}, H on a sphere {sphere:.5}, of facets off by {largest:.1e}");
 
     for method in METHODS {
-        let random = Settings {
-            points: PointSet::Random,
-            ..settings(method, Solver::Matrix(MatrixMethod::GaussSeidel))
-        };
+        let random = Choices { points: PointSet::Random, ..settings(method, Solver::GaussSeidel) };
         let measured = irradiances(&world, &random, 0..32);
         let mut squares = 0.0;
         for (i, h) in measured.iter().enumerate() {
@@ -394,7 +387,7 @@ fn what_is_emitted_is_absorbed_or_escapes() {
             // Σ A (E − (1 − ρ)H − (1 − s)B) is Σ_i B_i Σ_j (A_i F_ij − A_j F_ji) up to that:
             // nothing for pairs and for shooting, whose F is reciprocal as it is used.
             let mut reciprocity = Rgb64::ZERO;
-            if let (Method::Hemisphere, Solver::Matrix(_)) = (method, solver) {
+            if method == Method::Hemisphere && solver != Solver::Southwell {
                 let f = received(&world, &settings);
                 for i in all(&world.mesh) {
                     let out: f64 = f[i.index()].iter().sum::<f64>() * world.mesh.area(i);
@@ -433,14 +426,14 @@ fn sampling_the_lamp_loses_no_light_on_average() {
     let scene = open_room();
     let world = World::new(&scene, 1);
     for (method, solver) in [
-        (Method::Pairs, Solver::Matrix(MatrixMethod::GaussSeidel)),
+        (Method::Pairs, Solver::GaussSeidel),
         (Method::Pairs, Solver::Southwell),
         (Method::Hemisphere, Solver::Southwell),
     ] {
         let base = settings(method, solver);
-        let settings = Settings { samples: base.samples / 4, direct_samples: 16, ..base };
+        let settings = Choices { samples: base.samples / 4, direct_samples: 16, ..base };
         let missing = |seed| {
-            let energy = light(&world, &Settings { seed, ..settings }).energy;
+            let energy = light(&world, &Choices { seed, ..settings }).energy;
             ((energy.emitted - energy.absorbed - energy.escaped) / energy.emitted).y
         };
         let missing = Measured::from_repetitions(&(0..32).map(missing).collect::<Vec<_>>());
@@ -457,14 +450,14 @@ fn rays_of_rows_that_only_the_balance_needs_are_counted() {
     // Without an iteration, a matrix takes the rays of every row. Shooting takes no row for the light,
     // and those of the emitters for the balance. Both take the same rays for the direct light.
     let rays = |solver| {
-        let settings = Settings {
+        let settings = Choices {
             direct_samples: 16,
             stop: Stop::Iterations(0),
             ..settings(Method::Hemisphere, solver)
         };
         (light(&world, &settings).rays, settings.samples as u64)
     };
-    let (by_matrix, samples) = rays(Solver::Matrix(MatrixMethod::Jacobi));
+    let (by_matrix, samples) = rays(Solver::Jacobi);
     let (by_shooting, _) = rays(Solver::Southwell);
     let dark = all(&world.mesh).filter(|&i| world.mesh.exitance(i) == Rgb::ZERO).count() as u64;
     assert!(dark > 0 && (dark as usize) < world.mesh.len());
@@ -516,9 +509,9 @@ fn a_two_sided_sheet_receives_on_each_side_what_that_side_sees() {
     for method in METHODS {
         for direct_samples in [0, 16] {
             for solver in SOLVERS {
-                let settings = Settings { direct_samples, samples: 64, ..settings(method, solver) };
+                let settings = Choices { direct_samples, samples: 64, ..settings(method, solver) };
                 let runs: Vec<Radiosity> =
-                    (0..32).map(|seed| light(&world, &Settings { seed, ..settings })).collect();
+                    (0..32).map(|seed| light(&world, &Choices { seed, ..settings })).collect();
                 for (is_back, expected) in [(false, f * PI), (true, 3.0 * f * PI)] {
                     let side: Vec<PatchId> = sheet
                         .iter()
@@ -552,14 +545,14 @@ fn a_two_sided_sheet_receives_on_each_side_what_that_side_sees() {
 fn sampling_the_lamp_gives_the_same_light_as_form_factors_alone() {
     let scene = furnished_room(0.25);
     let world = World::new(&scene, 1);
-    let solver = Solver::Matrix(MatrixMethod::GaussSeidel);
+    let solver = Solver::GaussSeidel;
     // Each patch, not a sum: 32 seeds of either, the difference in its own standard error.
-    let by_pairs = Settings { samples: 16, ..settings(Method::Pairs, solver) };
+    let by_pairs = Choices { samples: 16, ..settings(Method::Pairs, solver) };
     let through_matrix = irradiances(&world, &by_pairs, 100..132);
     for method in METHODS {
         for solver in [solver, Solver::Southwell] {
             let samples = if method == Method::Pairs { 16 } else { 64 };
-            let direct = Settings { samples, direct_samples: 16, ..settings(method, solver) };
+            let direct = Choices { samples, direct_samples: 16, ..settings(method, solver) };
             let apart = irradiances(&world, &direct, 0..32);
             let mut squares = 0.0;
             for (i, (a, b)) in through_matrix.iter().zip(&apart).enumerate() {
@@ -583,7 +576,7 @@ fn solvers_agree_and_threads_do_not_matter() {
         for direct_samples in [0, 16] {
             let mut solutions = Vec::new();
             for solver in SOLVERS {
-                let settings = Settings { direct_samples, ..settings(method, solver) };
+                let settings = Choices { direct_samples, ..settings(method, solver) };
                 let on = |n: usize| threads(n).install(|| light(&world, &settings));
                 let (one, many) = (on(1), on(3));
                 assert_eq!(one.radiosity, many.radiosity, "{method:?}, {solver:?}");
@@ -640,10 +633,7 @@ fn metres_change_the_watts_and_scale_changes_nothing() {
     let large = scenes::scaled(&small, 64.0);
     let world = |scene| World::new(scene, 1);
     for (method, direct_samples) in [(Method::Pairs, 0), (Method::Hemisphere, 16)] {
-        let settings = Settings {
-            direct_samples,
-            ..settings(method, Solver::Matrix(MatrixMethod::GaussSeidel))
-        };
+        let settings = Choices { direct_samples, ..settings(method, Solver::GaussSeidel) };
         let (a, b) = (light(&world(&small), &settings), light(&world(&large), &settings));
         assert_eq!(a.radiosity, b.radiosity, "{method:?}");
         assert_eq!(a.energy.absorbed * 4096.0, b.energy.absorbed, "{method:?}");
@@ -659,10 +649,10 @@ fn a_matrix_that_does_not_fit_is_refused_with_both_sizes_and_a_way_out() {
         (Method::Pairs, ExchangeMatrix::bytes_needed(patches), "hemispheres"),
         (Method::Hemisphere, HemisphereRows::bytes_needed(patches, 256), "fewer samples"),
     ] {
-        let with = |limit| Settings {
+        let with = |limit| Choices {
             memory_limit: Some(limit),
             stop: Stop::Tolerance(1e-3),
-            ..settings(method, Solver::Matrix(MatrixMethod::GaussSeidel))
+            ..settings(method, Solver::GaussSeidel)
         };
         let message = refusal(&world, &with(4096));
         for part in [
@@ -679,7 +669,7 @@ fn a_matrix_that_does_not_fit_is_refused_with_both_sizes_and_a_way_out() {
         refusal(&world, &with(bytes - 1));
         if method == Method::Hemisphere {
             light(&world, &with(bytes));
-            light(&world, &Settings { solver: Solver::Southwell, ..with(4096) });
+            light(&world, &Choices { solver: Solver::Southwell, ..with(4096) });
         }
     }
 }

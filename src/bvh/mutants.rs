@@ -74,7 +74,7 @@ fn a_place(bvh: &Bvh) -> (usize, usize) {
 }
 
 /// The numbers of one kind of such a leaf.
-fn a_leaf<'b>(bvh: &'b mut Bvh, kind: usize) -> &'b mut [f32] {
+fn a_leaf(bvh: &mut Bvh, kind: usize) -> &mut [f32] {
     let (node, slot) = a_place(bvh);
     let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
     &mut bvh.leaves.words[first * WORDS + kind * count..][..count]

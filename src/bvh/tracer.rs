@@ -1,8 +1,8 @@
 //! The native ray tracer, its kernel chosen at run time.
 
 use super::{Bvh, Effort};
-use crate::geometry::{Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster, Triangle};
-use std::sync::Arc;
+use crate::geometry::{Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster};
+use crate::scene::Scene;
 
 /// The triangles of a scene, ready to be traced. It owns what it needs.
 pub struct Tracer(Box<dyn RayCaster>);
@@ -12,19 +12,16 @@ impl Tracer {
     ///
     /// # Panics
     /// As [`Bvh::build`].
-    pub fn build(triangles: impl Into<Arc<[Triangle]>>) -> Tracer {
-        Tracer::build_with(triangles, Effort::Quick, KernelKind::MollerTrumbore)
+    pub fn build(scene: &Scene) -> Tracer {
+        Tracer::build_with(scene, Effort::Quick, KernelKind::MollerTrumbore)
     }
 
     /// As [`build`](Tracer::build), with a chosen effort and kernel.
     ///
     /// # Panics
     /// As [`Bvh::build`].
-    pub fn build_with(
-        triangles: impl Into<Arc<[Triangle]>>,
-        effort: Effort,
-        kernel: KernelKind,
-    ) -> Tracer {
+    pub fn build_with(scene: &Scene, effort: Effort, kernel: KernelKind) -> Tracer {
+        let triangles = scene.triangles.clone();
         Tracer(match kernel {
             KernelKind::Plane => Box::new(Bvh::<Plane>::build_with(triangles, effort)),
             KernelKind::MollerTrumbore => {

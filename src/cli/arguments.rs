@@ -2,10 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
-use crate::radiosity::{Method, Solver};
-use crate::sampling::PointSet;
-use crate::scene::Camera;
-use crate::solver::{MatrixMethod, Stop};
+use crate::scene::document::is_view_name;
+use crate::scene::{Camera, Document};
+use crate::settings::{LightSettings, PatchSettings, Settings};
 use clap::ValueEnum;
 use glam::Vec3;
 use std::path::PathBuf;
@@ -45,7 +44,7 @@ pub struct RenderArguments {
     pub exposure: Option<f32>,
 
     #[command(flatten)]
-    pub view: ViewArguments,
+    pub look: ViewArguments,
 
     #[command(flatten)]
     pub light: LightArguments,
@@ -57,6 +56,12 @@ pub struct RenderArguments {
 /// A camera from the command line.
 #[derive(clap::Args)]
 pub struct ViewArguments {
+    /// A view that the scene describes as [views.NAME]; several draw a picture each: room.png becomes
+    /// room-NAME.png
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = parse_view,
+          conflicts_with = "position", help_heading = "Picture")]
+    pub view: Vec<String>,
+
     /// Look from here, in the scene's coordinates [default: the scene's camera, else one that is fitted]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
           requires = "look_at", help_heading = "Picture")]
@@ -89,61 +94,24 @@ impl ViewArguments {
     }
 }
 
-/// How the light is solved. Nothing is filled in here, so that what was typed can be told from defaults.
+/// How the light is solved.
 #[derive(Clone, Default, PartialEq, clap::Args)]
 pub struct LightArguments {
-    /// Split every triangle into 4^N patches
-    #[arg(long, value_name = "N", conflicts_with = "max_edge", help_heading = "Light")]
-    pub levels: Option<u32>,
+    #[command(flatten)]
+    patches: PatchSettings,
 
-    /// Split triangles until no patch edge is longer, in the scene's units [default: the scene's,
-    /// else a length that makes about 40000 patches]
-    #[arg(long, value_name = "LENGTH", help_heading = "Light")]
-    pub max_edge: Option<f64>,
-
-    /// How form factors are estimated: samples of each pair of patches, or rays from each patch
-    /// [default: hemisphere]
-    #[arg(long, help_heading = "Light")]
-    pub form_factors: Option<MethodName>,
-
-    /// Samples a pair [default: 9], or rays a patch [default: 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20),
-          help_heading = "Light")]
-    pub samples: Option<u32>,
-
-    /// Where samples lie: low-discrepancy, independent, or the centroids of a regular subdivision
-    /// [default: sobol]
-    #[arg(long, help_heading = "Light")]
-    pub points: Option<PointsName>,
-
-    /// Points of the emitters sampled for each patch's direct light; 0 leaves it to the form factors
-    /// [default: 64 with --form-factors hemisphere if the emitters are small, else 0]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=1 << 20),
-          help_heading = "Light")]
-    pub direct: Option<u32>,
-
-    /// How the radiosity equation is solved; southwell stores no matrix [default: gauss-seidel]
-    #[arg(long, help_heading = "Light")]
-    pub solver: Option<SolverName>,
-
-    /// Relative residual at which to stop [default: 0.0001]
-    #[arg(long, value_name = "X", value_parser = parse_tolerance, help_heading = "Light")]
-    pub tolerance: Option<f64>,
-
-    /// Do exactly N iterations (for southwell: shots), whatever the residual; not with --tolerance
-    #[arg(long, value_name = "N", conflicts_with = "tolerance", help_heading = "Light")]
-    pub iterations: Option<usize>,
-
-    /// The most memory that a matrix may take, in MiB [default: 80 % of what is available]
-    #[arg(long, value_name = "MIB", help_heading = "Light")]
-    pub memory: Option<u64>,
+    #[command(flatten)]
+    light: LightSettings,
 }
 
 impl LightArguments {
-    /// A tolerance beside a number of iterations is refused; its default gives way.
-    pub fn stop(&self) -> Stop {
-        let tolerance = Stop::Tolerance(self.tolerance.unwrap_or(1e-4));
-        self.iterations.map_or(tolerance, Stop::Iterations)
+    /// Flags come before the description.
+    pub fn settings(&self, document: &Document, seed: u64) -> Settings {
+        Settings {
+            patches: self.patches.or(&document.patches),
+            light: self.light.or(&document.light),
+            seed,
+        }
     }
 }
 
@@ -152,10 +120,10 @@ impl LightArguments {
 pub struct RunArguments {
     /// Ray–triangle intersection: the triangle's plane first, or Cramer's rule at once
     #[arg(long, default_value = "moller-trumbore", help_heading = "Run")]
-    pub kernel: KernelName,
+    pub kernel: KernelKind,
 
     /// Seed of all random numbers
-    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Run")]
+    #[arg(long, value_name = "N", default_value_t = Settings::SEED, help_heading = "Run")]
     pub seed: u64,
 
     /// Threads [default: all cores]; the result does not depend on it
@@ -187,38 +155,20 @@ pub enum ShadingName {
     Smooth,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum MethodName {
-    Pairs,
-    Hemisphere,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PointsName {
-    Sobol,
-    Random,
-    Regular,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SolverName {
-    Jacobi,
-    GaussSeidel,
-    Southwell,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum KernelName {
-    Plane,
-    MollerTrumbore,
-}
-
 fn parse_size(text: &str) -> std::result::Result<[u32; 2], String> {
     let parsed = text.split_once(['x', 'X', '×']).map(|(w, h)| (w.parse(), h.parse()));
     match parsed {
         Some((Ok(0), _) | (_, Ok(0))) => Err("a picture needs at least one pixel".into()),
         Some((Ok(width), Ok(height))) => Ok([width, height]),
         _ => Err("expected a width and a height such as 640x480".into()),
+    }
+}
+
+fn parse_view(text: &str) -> std::result::Result<String, String> {
+    if is_view_name(text) {
+        Ok(text.into())
+    } else {
+        Err("expected letters, digits, - and _".into())
     }
 }
 
@@ -241,53 +191,5 @@ fn parse_crease(text: &str) -> std::result::Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if (0.0..=180.0).contains(&x) => Ok(x),
         _ => Err("expected an angle from 0 to 180 degrees".into()),
-    }
-}
-
-fn parse_tolerance(text: &str) -> std::result::Result<f64, String> {
-    match text.parse::<f64>() {
-        // Sums of f64 leave a relative residual near 1e-15.
-        Ok(x) if (1e-14..1.0).contains(&x) => Ok(x),
-        _ => Err("expected a number from 1e-14 to 1; for a fixed number of iterations use \
-                  --iterations"
-            .into()),
-    }
-}
-
-impl From<MethodName> for Method {
-    fn from(name: MethodName) -> Self {
-        match name {
-            MethodName::Pairs => Method::Pairs,
-            MethodName::Hemisphere => Method::Hemisphere,
-        }
-    }
-}
-
-impl From<PointsName> for PointSet {
-    fn from(name: PointsName) -> Self {
-        match name {
-            PointsName::Sobol => PointSet::Sobol,
-            PointsName::Random => PointSet::Random,
-            PointsName::Regular => PointSet::Regular,
-        }
-    }
-}
-
-impl From<SolverName> for Solver {
-    fn from(name: SolverName) -> Self {
-        match name {
-            SolverName::Jacobi => Solver::Matrix(MatrixMethod::Jacobi),
-            SolverName::GaussSeidel => Solver::Matrix(MatrixMethod::GaussSeidel),
-            SolverName::Southwell => Solver::Southwell,
-        }
-    }
-}
-
-impl From<KernelName> for KernelKind {
-    fn from(name: KernelName) -> Self {
-        match name {
-            KernelName::Plane => KernelKind::Plane,
-            KernelName::MollerTrumbore => KernelKind::MollerTrumbore,
-        }
     }
 }

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::export::file::{Output, check_writable, write_all};
 use crate::geometry::{MollerTrumbore, Ray};
 use crate::progress::{self, Progress};
-use crate::scene::{Camera, Description, Scene};
+use crate::scene::{Camera, Document, Scene};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 use std::fmt::Write;
@@ -79,7 +79,7 @@ fn stage(scene: &Path, seed: u64) -> Result<Stage> {
     if let Some(built_in) = BuiltIn::ALL.into_iter().find(|b| Path::new(b.name()) == scene) {
         return Ok(built_in.stage(seed));
     }
-    let description = Description::load(scene)?;
+    let description = Document::open(scene)?;
     let loaded = Scene::load(&description)?;
     warn(&loaded.warnings);
     let triangles = loaded.triangles;

@@ -3,7 +3,7 @@
 use super::{say, warn};
 use crate::error::Result;
 use crate::scene::inspect::Inspection;
-use crate::scene::{Description, Scene};
+use crate::scene::{Document, Scene};
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let description = Description::load(&arguments.scene)?;
+    let description = Document::open(&arguments.scene)?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);
     say(&describe(&description.title, &scene));

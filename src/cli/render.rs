@@ -10,12 +10,11 @@ use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::memory;
-use crate::render::shading::{Flat, Shading, Smooth};
-use crate::render::smooth::VertexIrradiance;
-use crate::render::{self, Frame, Image, tone};
-use crate::scene::description::ImageDefaults;
-use crate::scene::{Camera, Description, Scene};
+use crate::render::{Frame, Image};
+use crate::scene::document::ImageDefaults;
+use crate::scene::{Camera, Document, Scene};
 use crate::solution::Solution;
+use crate::view::View;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -27,7 +26,7 @@ pub fn run(arguments: &RenderArguments) -> Result<()> {
 fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
     let start = Instant::now();
     let pictures = pictures(arguments)?;
-    let view = arguments.view.camera()?;
+    let view = arguments.look.camera()?;
     let mut times = Seconds::default();
     if is_light(&arguments.scene) {
         if arguments.light != LightArguments::default() {
@@ -39,14 +38,13 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
         let solution = Solution::load(&arguments.scene)?;
         let frame = frame_of(arguments, &solution.image, pictures.len())?;
         times.load = start.elapsed().as_secs_f64();
-        let triangles = &solution.scene.triangles;
-        let effort = Effort::for_rays(triangles.len(), frame.rays());
-        let caster = Tracer::build_with(triangles.clone(), effort, arguments.run.kernel.into());
+        let effort = Effort::for_rays(solution.scene.triangles.len(), frame.rays());
+        let caster = Tracer::build_with(&solution.scene, effort, arguments.run.kernel);
         times.build = start.elapsed().as_secs_f64() - times.load;
         return show(arguments, &pictures, &caster, &frame, view, &solution, 0, times, start);
     }
 
-    let description = Description::load(&arguments.scene)?;
+    let description = Document::open(&arguments.scene)?;
     check_overwriting(arguments, &pictures, &description.inputs())?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);
@@ -77,20 +75,19 @@ fn show(
     start: Instant,
 ) -> Result<()> {
     let rendering = Instant::now();
-    let camera = view.as_ref().unwrap_or(&solution.camera);
-    let images = draw(arguments, caster, camera, frame, pictures, solution);
-    let given = arguments.exposure.or(solution.image.exposure);
-    let exposure = given
-        .unwrap_or_else(|| tone::automatic_exposure(&images[0], solution.scene.dimmest_emitter()));
+    let images = draw(arguments, caster, view.as_ref(), frame, pictures, solution)
+        .map_err(|error| error.in_file_if_none(&arguments.scene))?;
+    let exposure = arguments.exposure.unwrap_or_else(|| solution.exposure(&images[0]));
     let mut outputs = encode(pictures, &images, exposure)?;
     times.render += rendering.elapsed().as_secs_f64();
     times.total = start.elapsed().as_secs_f64();
 
     let files = pictures.iter().map(|picture| picture.path.as_path());
+    let of_views = pictures.chunk_by(|a, b| a.view == b.view).count() as u64;
     let report = Report {
         exposure: Some(exposure),
-        automatic_exposure: given.is_none(),
-        rays: light_rays + frame.rays(),
+        automatic_exposure: arguments.exposure.or(solution.image.exposure).is_none(),
+        rays: light_rays + frame.rays() * of_views,
         ..Report::new(solution, times, files)
     };
     if let Some(path) = &arguments.run.stats {
@@ -108,34 +105,34 @@ fn frame_of(arguments: &RenderArguments, image: &ImageDefaults, images: usize) -
 
 /// One picture to be drawn.
 struct Picture {
+    /// By name; `None` is the usual one.
+    view: Option<String>,
     shading: ShadingName,
     path: PathBuf,
     format: Format,
 }
 
-/// Names the output files and makes sure that they can be written, before anything is computed.
+/// Names the output files and makes sure that they can be written, before anything is computed. The
+/// shadings of a view follow each other.
 fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
     let format = Format::of(&arguments.output)?;
-    let mut shadings = arguments.shading.clone();
-    let mut seen = Vec::new();
-    shadings.retain(|shading| {
-        !seen.contains(shading) && {
-            seen.push(*shading);
-            true
+    let shadings = without_repetition(&arguments.shading);
+    let mut views: Vec<Option<String>> =
+        without_repetition(&arguments.look.view).into_iter().map(Some).collect();
+    let several_views = views.len() > 1;
+    if views.is_empty() {
+        views.push(None);
+    }
+    let mut pictures = Vec::new();
+    for view in views {
+        for &shading in &shadings {
+            let view_suffix = view.clone().filter(|_| several_views);
+            let shading_suffix = (shadings.len() > 1).then(|| shading_name(shading));
+            let path =
+                with_suffixes(&arguments.output, view_suffix.into_iter().chain(shading_suffix));
+            pictures.push(Picture { view: view.clone(), shading, path, format });
         }
-    });
-    let several = shadings.len() > 1;
-    let pictures: Vec<Picture> = shadings
-        .into_iter()
-        .map(|shading| {
-            let path = if several {
-                with_suffix(&arguments.output, shading)
-            } else {
-                arguments.output.clone()
-            };
-            Picture { shading, path, format }
-        })
-        .collect();
+    }
     for path in pictures.iter().map(|picture| &picture.path).chain(&arguments.run.stats) {
         check_writable(path)?;
     }
@@ -153,12 +150,22 @@ fn check_overwriting(
     check_distinct(&outputs, inputs)
 }
 
-/// room.png becomes room-flat.png.
-fn with_suffix(path: &Path, shading: ShadingName) -> PathBuf {
-    let name = shading.to_possible_value().expect("no name is hidden");
+fn without_repetition<T: Clone + PartialEq>(items: &[T]) -> Vec<T> {
+    let first = |(i, item): &(usize, &T)| !items[..*i].contains(item);
+    items.iter().enumerate().filter(first).map(|(_, item)| item.clone()).collect()
+}
+
+fn shading_name(shading: ShadingName) -> String {
+    shading.to_possible_value().expect("no name is hidden").get_name().to_string()
+}
+
+/// room.png becomes room-night-flat.png.
+fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf {
     let mut file = path.file_stem().unwrap_or_default().to_os_string();
-    file.push("-");
-    file.push(name.get_name());
+    for suffix in suffixes {
+        file.push("-");
+        file.push(suffix);
+    }
     file.push(".");
     file.push(path.extension().unwrap_or_default());
     path.with_file_name(file)
@@ -185,38 +192,36 @@ pub(super) fn frame(
         memory::available(),
         "draw it smaller",
     )?;
-    let samples = samples.or(image.samples).unwrap_or(16);
+    let samples = samples.or(image.samples).unwrap_or(Frame::SAMPLES);
     if samples == 0 {
         return Err(Error::new("0 samples a pixel").remedy("give at least one"));
     }
     Ok(Frame { width, height, samples, seed })
 }
 
+/// The images of the pictures, in their order. `camera` comes before the solution's own.
 fn draw(
     arguments: &RenderArguments,
     caster: &Tracer,
-    camera: &Camera,
+    camera: Option<&Camera>,
     frame: &Frame,
     pictures: &[Picture],
     solution: &Solution,
-) -> Vec<Image> {
-    let mesh = solution.patches();
-    let (irradiance, uncovered) = (&solution.irradiance, &solution.uncovered);
-    let shadings: Vec<Box<dyn Shading + '_>> = pictures
-        .iter()
-        .map(|picture| -> Box<dyn Shading> {
-            match picture.shading {
-                ShadingName::Flat => Box::new(Flat::new(&mesh, irradiance, uncovered)),
-                ShadingName::Smooth => {
-                    let crease = arguments.crease;
-                    let vertices = VertexIrradiance::new(&mesh, irradiance, uncovered, crease);
-                    Box::new(Smooth::new(&mesh, vertices))
-                }
-            }
-        })
-        .collect();
-    let shadings: Vec<&dyn Shading> = shadings.iter().map(Box::as_ref).collect();
-    render::render(caster, &mesh, camera, frame, &shadings, &Bars::new())
+) -> Result<Vec<Image>> {
+    // Every name is looked up before the first picture is drawn.
+    let of_views: Vec<&[Picture]> = pictures.chunk_by(|a, b| a.view == b.view).collect();
+    let cameras = of_views.iter().map(|of_view| match &of_view[0].view {
+        Some(name) => solution.view(name),
+        None => Ok(camera.unwrap_or(&solution.camera)),
+    });
+    let cameras = cameras.collect::<Result<Vec<_>>>()?;
+    let looks = of_views[0].iter().map(|picture| match picture.shading {
+        ShadingName::Flat => solution.flat(),
+        ShadingName::Smooth => solution.smooth(arguments.crease),
+    });
+    let (looks, bars) = (looks.collect::<Vec<_>>(), Bars::new());
+    let draw = |camera| View::draw_all(&looks, caster, camera, frame, &bars);
+    Ok(cameras.into_iter().flat_map(draw).collect())
 }
 
 fn encode(pictures: &[Picture], images: &[Image], exposure: f32) -> Result<Vec<Output>> {

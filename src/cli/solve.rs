@@ -6,7 +6,7 @@ use super::report::{Report, Seconds};
 use super::{say, warn};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
-use crate::scene::{Description, Scene};
+use crate::scene::{Document, Scene};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -38,7 +38,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
         std::iter::once(arguments.output.as_path()).chain(arguments.run.stats.as_deref()).collect();
     check_ending(&arguments.output)?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
-    let description = Description::load(&arguments.scene)?;
+    let description = Document::open(&arguments.scene)?;
     check_distinct(&outputs, &description.inputs())?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);

@@ -14,7 +14,7 @@ use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 #[cfg(feature = "embree")]
 use crate::oracle::{Device, Isa};
-use crate::scene::{Camera, Description, Scene};
+use crate::scene::{Camera, Document, Scene};
 use crate::verify::bounds::Arithmetic;
 use crate::verify::grid::{Grid, GridFinding};
 use crate::verify::leaks::{Leaks, leaks};
@@ -137,7 +137,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
         arguments.json.iter().chain(&arguments.diff_image).map(PathBuf::as_path).collect();
     arguments.diff_image.as_deref().map(Format::of).transpose()?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
-    let description = Description::load(&arguments.scene)?;
+    let description = Document::open(&arguments.scene)?;
     check_distinct(&outputs, &description.inputs())?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);

@@ -20,7 +20,7 @@ use crate::form_factor::{Estimator, RowSource};
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
-use crate::radiosity::{self, Settings};
+use crate::radiosity::{self, Choices};
 use crate::render::shading::{Flat, Shading, Smooth};
 use crate::render::smooth::VertexIrradiance;
 use crate::render::{Frame, Image, pixel, render};
@@ -36,7 +36,7 @@ use witness::{Detail, Difference};
 pub struct Pipeline<'a> {
     pub mesh: &'a PatchMesh,
     /// Of the light; `method` must be hemisphere, the only one whose rays can hit something else.
-    pub settings: Settings,
+    pub settings: Choices,
     pub camera: &'a Camera,
     pub frame: Frame,
     /// See [`VertexIrradiance::new`].

@@ -6,8 +6,8 @@ use crate::color::{Rgb, luminance};
 use crate::geometry::{Hit, MollerTrumbore, Plane, Ray, TriangleId};
 use crate::patches::Subdivision;
 use crate::radiosity::{Method, Solver};
-use crate::scene::{Description, Scene};
-use crate::solver::{MatrixMethod, Stop};
+use crate::scene::{Document, Scene};
+use crate::solver::Stop;
 use crate::verify::{Arithmetic, Judge};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,7 +22,7 @@ fn compare(
     peer_is_ours: bool,
 ) -> Comparison {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell-box.toml");
-    let description = Description::load(&file).unwrap();
+    let description = Document::open(&file).unwrap();
     let scene = Scene::load(&description).unwrap();
     let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).unwrap();
     let triangles = &scene.triangles;
@@ -33,12 +33,12 @@ fn compare(
     );
     let judge = Judge::new(triangles, Arithmetic::MollerTrumbore, arithmetic);
     let pair = Pair { native: &*native, peer: &*peer, judge, peer_is_ours };
-    let settings = Settings {
+    let settings = Choices {
         method: Method::Hemisphere,
         samples: 32,
         points: PointSet::Sobol,
         direct_samples: 16,
-        solver: Solver::Matrix(MatrixMethod::GaussSeidel),
+        solver: Solver::GaussSeidel,
         stop: Stop::Tolerance(1e-4),
         seed: 5,
         memory_limit: None,

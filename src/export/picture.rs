@@ -1,5 +1,6 @@
 //! Pictures in the formats that people open: PNG for the eye, EXR and HDR for numbers.
 
+use super::file::{Output, write_all};
 use crate::error::{Error, Result};
 use crate::render::{Image, tone};
 use image::codecs::hdr::HdrEncoder;
@@ -7,6 +8,19 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, Rgb32FImage};
 use std::io::Cursor;
 use std::path::Path;
+
+impl Image {
+    /// Writes a picture in the format of the name's ending: `.png` (sRGB, after the exposure), `.exr` or
+    /// `.hdr` (linear radiance). Whole or not at all.
+    ///
+    /// # Errors
+    /// An ending that nobody writes, and whatever the system says.
+    pub fn save(&self, path: impl AsRef<Path>, exposure: f32) -> Result<()> {
+        let path = path.as_ref();
+        let bytes = Format::of(path)?.encode(self, exposure)?;
+        write_all(vec![Output { path: path.to_path_buf(), bytes }])
+    }
+}
 
 /// A file format, told by the file's ending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -11,11 +11,11 @@ pub trait Kernel: Copy + Default + Send + Sync + 'static {
 }
 
 /// The kernels by name, for a choice at run time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum KernelKind {
-    /// Option 1, [`Plane`](super::Plane).
+    /// The triangle's plane first
     Plane,
-    /// Option 2, [`MollerTrumbore`](super::MollerTrumbore).
+    /// Cramer's rule at once
     #[default]
     MollerTrumbore,
 }

@@ -13,6 +13,7 @@ use crate::error::{Error, ErrorKind, Result};
 pub use crate::geometry::triangle::MAX_LEVEL;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use crate::scene::{MaterialId, Scene};
+use crate::settings::PatchSettings;
 pub use cell::Cell;
 use glam::Vec3;
 pub use surface_point::SurfacePoint;
@@ -36,6 +37,21 @@ pub enum Subdivision {
     MaxEdge(f64),
     /// The shortest `MaxEdge` that makes at most this many patches.
     Count(usize),
+}
+
+impl Subdivision {
+    /// Patches that the subdivision aims at unless something else is asked for: good and quick for a
+    /// first picture.
+    pub const DEFAULT_COUNT: usize = 40_000;
+
+    /// What the settings ask for, or the default.
+    pub fn of(settings: &PatchSettings) -> Subdivision {
+        match (settings.levels, settings.max_edge) {
+            (Some(levels), _) => Subdivision::Levels(levels),
+            (None, Some(length)) => Subdivision::MaxEdge(length),
+            (None, None) => Subdivision::Count(Subdivision::DEFAULT_COUNT),
+        }
+    }
 }
 
 /// One lit side of a triangle: the front, or the back of a two-sided one.

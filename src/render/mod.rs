@@ -10,6 +10,7 @@ use crate::patches::{PatchMesh, SurfacePoint};
 use crate::progress::{Progress, Stage};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
+use crate::settings::Settings;
 use rayon::prelude::*;
 use shading::Shading;
 
@@ -32,6 +33,14 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Samples per pixel unless another number is asked for.
+    pub const SAMPLES: u32 = 16;
+
+    /// A picture of this size in pixels.
+    pub fn new(width: u32, height: u32) -> Frame {
+        Frame { width, height, samples: Frame::SAMPLES, seed: Settings::SEED }
+    }
+
     pub fn rays(&self) -> u64 {
         self.width as u64 * self.height as u64 * self.samples as u64
     }

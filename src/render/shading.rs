@@ -3,10 +3,12 @@
 use super::smooth::VertexIrradiance;
 use crate::color::{Rgb, Rgb64};
 use crate::patches::{PatchId, PatchMesh, SurfacePoint};
+use crate::scene::Material;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// Radiance at a point of a lit side, equal in all directions.
-pub trait Shading: Sync {
+pub trait Shading: Send + Sync {
     /// In W·sr⁻¹·m⁻².
     fn radiance(&self, point: &SurfacePoint) -> Rgb;
 }
@@ -37,21 +39,21 @@ impl Shading for Flat {
 }
 
 /// Irradiance interpolated between the patches' vertices, seen through each point's own material.
-pub struct Smooth<'m> {
-    mesh: &'m PatchMesh,
+pub struct Smooth {
+    materials: Arc<[Material]>,
     irradiance: VertexIrradiance,
 }
 
-impl<'m> Smooth<'m> {
-    pub fn new(mesh: &'m PatchMesh, irradiance: VertexIrradiance) -> Self {
-        Smooth { mesh, irradiance }
+impl Smooth {
+    pub fn new(mesh: &PatchMesh, irradiance: VertexIrradiance) -> Self {
+        Smooth { materials: mesh.scene.materials.clone(), irradiance }
     }
 }
 
-impl Shading for Smooth<'_> {
+impl Shading for Smooth {
     #[inline]
     fn radiance(&self, point: &SurfacePoint) -> Rgb {
-        let material = &self.mesh.scene.materials[point.side.material.0 as usize];
+        let material = &self.materials[point.side.material.0 as usize];
         material.radiance + material.reflectance * self.irradiance.at(point) / PI
     }
 }

@@ -1,7 +1,7 @@
 //! The scene: triangles, materials, and what a description file says about looking at them.
 
 pub mod camera;
-pub mod description;
+pub mod document;
 pub mod inspect;
 pub mod material;
 pub mod obj;
@@ -12,7 +12,7 @@ use crate::error::{Error, Result, Warning};
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 pub use camera::Camera;
-pub use description::Description;
+pub use document::Document;
 pub use material::{Material, MaterialId};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -66,7 +66,7 @@ impl Scene {
     /// # Errors
     /// Whatever is wrong with a file, or no triangle with an area, or coordinates so large or so
     /// small that f32 products would leave their range.
-    pub fn load(description: &Description) -> Result<Scene> {
+    pub fn load(description: &Document) -> Result<Scene> {
         let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
         let mut warnings = Vec::new();
         let replaced = description.overridden_reflectances();

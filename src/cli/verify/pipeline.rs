@@ -1,18 +1,17 @@
 //! `isolux verify --diff-image`: the whole pipeline on two tracers, and a picture of where it differs.
 
 use crate::cli::progress::Bars;
-use crate::cli::{light, render};
+use crate::cli::render;
 use crate::equivalence::{Cause, Pair, Pipeline, Stage, Summary};
 use crate::error::Result;
 use crate::export::file::Output;
 use crate::export::picture::Format;
 use crate::geometry::RayCaster;
 use crate::patches::{PatchMesh, Subdivision};
-use crate::radiosity::{Method, Settings, Solver, has_small_emitters};
-use crate::render::tone;
-use crate::sampling::PointSet;
-use crate::scene::{Camera, Description, Scene};
-use crate::solver::{MatrixMethod, Stop};
+use crate::radiosity::Choices;
+use crate::render::{Frame, tone};
+use crate::scene::{Camera, Document, Scene};
+use crate::settings::{PatchSettings, Settings};
 use crate::verify::survey::Peer;
 use crate::verify::{Arithmetic, Judge};
 use serde::Serialize;
@@ -20,13 +19,10 @@ use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 
-/// What `isolux render` does unless told otherwise, and the most that is done here.
-const MOST_PATCHES: usize = light::DEFAULT_PATCHES;
-const RAYS_PER_PATCH: u32 = 256;
-const DIRECT_SAMPLES: u32 = 64;
-const MOST_SAMPLES: u32 = 16;
+/// More than a usual picture takes is not done here.
+const MOST_PATCHES: usize = Subdivision::DEFAULT_COUNT;
+const MOST_SAMPLES: u32 = Frame::SAMPLES;
 const CREASE_DEGREES: f32 = 30.0;
-const TOLERANCE: f64 = 1e-4;
 
 /// What came of it, for programs.
 #[derive(Serialize)]
@@ -41,7 +37,7 @@ pub struct PipelineReport {
 pub fn run(
     native: &dyn RayCaster,
     peers: &[Peer],
-    (description, scene, camera): (&Description, &Scene, &Camera),
+    (description, scene, camera): (&Document, &Scene, &Camera),
     seed: u64,
     path: &Path,
 ) -> Result<(PipelineReport, Output)> {
@@ -53,7 +49,7 @@ pub fn run(
     // Two pictures at a time, and one for the differences.
     let frame = render::frame(None, Some(samples), seed, &description.image, 3)
         .map_err(|error| error.in_file_if_none(&description.file))?;
-    let settings = settings(&mesh, seed);
+    let settings = Choices::new(&Settings { seed, ..Settings::default() }, &mesh)?;
     let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: CREASE_DEGREES };
     let comparison = pipeline
         .compare(&pair, &Bars::new())
@@ -76,27 +72,14 @@ fn most_different<'p, 'a>(peers: &'p [Peer<'a>]) -> &'p Peer<'a> {
 }
 
 /// The description's, unless they are too many.
-fn patches(scene: &Scene, description: &Description) -> Result<PatchMesh> {
-    if let Some(subdivision) = light::described(&description.patches) {
-        let mesh = PatchMesh::subdivide(scene, subdivision)?;
+fn patches(scene: &Scene, document: &Document) -> Result<PatchMesh> {
+    if document.patches != PatchSettings::default() {
+        let mesh = PatchMesh::subdivide(scene, Subdivision::of(&document.patches))?;
         if mesh.len() <= MOST_PATCHES {
             return Ok(mesh);
         }
     }
     PatchMesh::subdivide(scene, Subdivision::Count(MOST_PATCHES))
-}
-
-fn settings(mesh: &PatchMesh, seed: u64) -> Settings {
-    Settings {
-        method: Method::Hemisphere,
-        samples: RAYS_PER_PATCH,
-        points: PointSet::Sobol,
-        direct_samples: if has_small_emitters(mesh) { DIRECT_SAMPLES } else { 0 },
-        solver: Solver::Matrix(MatrixMethod::GaussSeidel),
-        stop: Stop::Tolerance(TOLERANCE),
-        seed,
-        memory_limit: crate::memory::available().map(|bytes| bytes / 5 * 4),
-    }
 }
 
 impl Display for PipelineReport {

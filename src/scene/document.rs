@@ -1,10 +1,11 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
 use super::obj::text::{decode, read_bytes};
-use super::{Camera, Material};
+use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::geometry::triangle::MAX_LEVEL;
+use crate::geometry::RayCaster;
+use crate::settings::{LightSettings, PatchSettings};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
@@ -16,7 +17,7 @@ pub const MAX_SAMPLES: u32 = 1 << 20;
 
 /// What a description file says. A bare model is a description that says only its name.
 #[derive(Debug, Clone)]
-pub struct Description {
+pub struct Document {
     /// The description file, or the bare model.
     pub file: PathBuf,
     pub title: String,
@@ -25,8 +26,11 @@ pub struct Description {
     pub metres_per_unit: f64,
     /// `None`: to be fitted to the scene.
     pub camera: Option<Camera>,
+    /// Further views by name; a name may stand in a file's name.
+    pub views: BTreeMap<String, Camera>,
     pub image: ImageDefaults,
-    pub patches: PatchDefaults,
+    pub patches: PatchSettings,
+    pub light: LightSettings,
     materials: BTreeMap<String, MaterialOverride>,
 }
 
@@ -40,14 +44,6 @@ pub struct ImageDefaults {
     pub samples: Option<u32>,
     /// Factor from radiance to display-linear values; 1 is white.
     pub exposure: Option<f32>,
-}
-
-/// Defaults for the subdivision that command-line flags override.
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PatchDefaults {
-    pub levels: Option<u32>,
-    pub max_edge: Option<f32>,
 }
 
 impl ImageDefaults {
@@ -69,23 +65,6 @@ impl ImageDefaults {
     }
 }
 
-impl PatchDefaults {
-    fn check(&self) -> Result<()> {
-        if self.levels.is_some() && self.max_edge.is_some() {
-            return Err(Error::new("[patches]: both levels and max_edge").remedy("give one"));
-        }
-        if self.levels.is_some_and(|levels| levels > MAX_LEVEL) {
-            return Err(Error::new(format!("[patches]: levels is above {MAX_LEVEL}"))
-                .remedy("each level quadruples the patches; 2 to 5 are usual"));
-        }
-        if self.max_edge.is_some_and(|length| !(length > 0.0 && length.is_finite())) {
-            return Err(Error::new("[patches]: max_edge is not a number above zero")
-                .remedy("give a length in the scene's units"));
-        }
-        Ok(())
-    }
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -94,9 +73,13 @@ struct File {
     metres_per_unit: Option<f64>,
     camera: Option<CameraTable>,
     #[serde(default)]
+    views: BTreeMap<String, CameraTable>,
+    #[serde(default)]
     image: ImageDefaults,
     #[serde(default)]
-    patches: PatchDefaults,
+    patches: PatchSettings,
+    #[serde(default)]
+    light: LightSettings,
     #[serde(default)]
     materials: BTreeMap<String, MaterialOverride>,
 }
@@ -132,11 +115,47 @@ struct MaterialOverride {
     two_sided: Option<bool>,
 }
 
-impl Description {
+impl CameraTable {
+    fn camera(self) -> Result<Camera> {
+        let [position, look_at, up] = [self.position, self.look_at, self.up].map(Vec3::from);
+        Camera::new(position, look_at, up, self.vertical_fov, self.near)
+    }
+}
+
+/// A view's name is part of its picture's name, so that it may hold letters, digits, `-` and `_` alone.
+pub fn is_view_name(name: &str) -> bool {
+    !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '-' || c == '_')
+}
+
+fn view((name, table): (String, CameraTable)) -> Result<(String, Camera)> {
+    if !is_view_name(&name) {
+        return Err(Error::new(format!("[views]: {name:?} cannot be part of a file's name"))
+            .remedy("use letters, digits, - and _"));
+    }
+    Ok((name, table.camera()?))
+}
+
+impl Document {
     /// The files that were named: an output must be none of them.
     pub fn inputs(&self) -> Vec<&Path> {
         let models = self.models.iter().map(PathBuf::as_path);
         std::iter::once(self.file.as_path()).chain(models).collect()
+    }
+
+    /// Reads the models: see [`Scene::load`].
+    ///
+    /// # Errors
+    /// See [`Scene::load`].
+    pub fn scene(&self) -> Result<Scene> {
+        Scene::load(self)
+    }
+
+    /// The described camera, or one that is fitted to the scene.
+    pub fn view(&self, scene: &Scene, caster: &impl RayCaster) -> Camera {
+        match &self.camera {
+            Some(camera) => camera.clone(),
+            None => Camera::fitted(&scene.triangles, caster),
+        }
     }
 
     /// Reads a `.toml` description, or makes one for a bare `.obj`.
@@ -144,41 +163,44 @@ impl Description {
     /// # Errors
     /// A file that cannot be read, a name with another ending, TOML that is malformed or says
     /// something unknown (with its line), values out of their ranges.
-    pub fn load(path: &Path) -> Result<Description> {
+    pub fn open(path: impl AsRef<Path>) -> Result<Document> {
+        let path = path.as_ref();
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         match extension.as_deref() {
-            Some("toml") => Description::read(path),
-            Some("obj") => Ok(Description::bare(path)),
+            Some("toml") => Document::read(path),
+            Some("obj") => Ok(Document::bare(path)),
             _ => Err(Error::new("this is neither a scene description nor a model")
                 .in_file(path)
                 .remedy("name a .toml description or an .obj model")),
         }
     }
 
-    fn bare(model: &Path) -> Description {
-        Description {
+    fn bare(model: &Path) -> Document {
+        Document {
             file: model.to_path_buf(),
             title: title_from(model),
             models: vec![model.to_path_buf()],
             metres_per_unit: 1.0,
             camera: None,
+            views: BTreeMap::new(),
             image: ImageDefaults::default(),
-            patches: PatchDefaults::default(),
+            patches: PatchSettings::default(),
+            light: LightSettings::default(),
             materials: BTreeMap::new(),
         }
     }
 
-    fn read(path: &Path) -> Result<Description> {
+    fn read(path: &Path) -> Result<Document> {
         let bytes = read_bytes(path).map_err(|error| {
             Error::io(path, "read the description", &error)
                 .remedy("check the path and its permissions")
         })?;
         let text = decode(bytes, path, "TOML")?;
         let file: File = toml::from_str(&text).map_err(|e| toml_error(path, &text, &e))?;
-        Description::check(path, file).map_err(|e| e.in_file(path))
+        Document::check(path, file).map_err(|e| e.in_file(path))
     }
 
-    fn check(path: &Path, file: File) -> Result<Description> {
+    fn check(path: &Path, file: File) -> Result<Document> {
         if file.models.is_empty() {
             return Err(Error::new("the description names no model")
                 .remedy("list one or more OBJ files: models = [\"room.obj\"]"));
@@ -193,19 +215,20 @@ impl Description {
         }
         file.image.check()?;
         file.patches.check()?;
-        let camera = file.camera.map(|c| {
-            let [position, look_at, up] = [c.position, c.look_at, c.up].map(Vec3::from);
-            Camera::new(position, look_at, up, c.vertical_fov, c.near)
-        });
+        file.light.check()?;
+        let camera = file.camera.map(CameraTable::camera).transpose()?;
+        let views = file.views.into_iter().map(view).collect::<Result<_>>()?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Ok(Description {
+        Ok(Document {
             file: path.to_path_buf(),
             title: file.title.unwrap_or_else(|| title_from(path)),
             models: file.models.iter().map(|model| folder.join(model)).collect(),
             metres_per_unit,
-            camera: camera.transpose()?,
+            camera,
+            views,
             image: file.image,
             patches: file.patches,
+            light: file.light,
             materials: file.materials,
         })
     }
@@ -284,11 +307,11 @@ fn toml_error(path: &Path, text: &str, error: &toml::de::Error) -> Error {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<Description> {
+    fn parse(text: &str) -> Result<Document> {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, text).expect("a file");
-        Description::load(&path)
+        Document::open(&path)
     }
 
     const GOOD: &str = "models = ['a.obj']\n[camera]\nposition = [0, 0, 1]\nlook_at = [0, 0, 0]\n";
@@ -324,6 +347,13 @@ mod tests {
             "models = ['a.obj']\n[patches]\nlevels = 40",
             "models = ['a.obj']\n[patches]\nmax_edge = -1",
             "models = ['a.obj']\n[patches]\nlevels = 2\nmax_edge = 1",
+            "models = ['a.obj']\n[views.'../x']\nposition = [0,0,0]\nlook_at = [0,0,1]",
+            "models = ['a.obj']\n[views.x]\nposition = [0,0,0]\nlook_at = [0,0,0]",
+            "models = ['a.obj']\n[light]\nsamples = 0",
+            "models = ['a.obj']\n[light]\nsolver = 'magic'",
+            "models = ['a.obj']\n[light]\ntolerance = 0",
+            "models = ['a.obj']\n[light]\ntolerance = 0.1\niterations = 2",
+            "models = ['a.obj']\n[light]\nlevels = 2",
             "models = 3",
             "models = ['a.obj'",
         ] {
@@ -346,7 +376,7 @@ mod tests {
     #[test]
     fn other_endings_are_refused() {
         for name in ["scene.ply", "scene", ""] {
-            assert!(Description::load(Path::new(name)).is_err(), "{name}");
+            assert!(Document::open(Path::new(name)).is_err(), "{name}");
         }
     }
 }
