@@ -6,7 +6,7 @@ use crate::form_factor::direct::Emitters;
 use crate::form_factor::hemisphere::HemisphereSource;
 use crate::form_factor::pairs::PairRows;
 use crate::form_factor::{
-    Defects, Estimator, ExchangeMatrix, FormFactors, HemisphereRows, RowSource, row_sum_defect,
+    Defects, Estimator, ExchangeMatrix, FormFactors, HemisphereRows, Row, RowSource, row_sum_defect,
 };
 use crate::geometry::RayCaster;
 use crate::memory;
@@ -15,7 +15,7 @@ use crate::progress::Progress;
 use crate::sampling::PointSet;
 use crate::settings::Settings;
 pub use crate::settings::{Method, Solver};
-use crate::solver::{MatrixMethod, Problem, Solution, Stop};
+use crate::solver::{Converged, MatrixMethod, Problem, Stop};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -99,7 +99,10 @@ pub struct Energy {
     pub emitted: Rgb64,
     /// By fronts that the light reached.
     pub absorbed: Rgb64,
-    /// What left every front that light could reach: into the open, or onto black backs.
+    /// By the black backs of one-sided triangles. `None` where the form factors do not tell it from what
+    /// escaped, as those between pairs.
+    pub on_backs: Option<Rgb64>,
+    /// What left the scene, and what met backs where that is not known apart.
     pub escaped: Rgb64,
 }
 
@@ -109,7 +112,7 @@ pub struct Radiosity {
     pub radiosity: Vec<Rgb64>,
     /// H in W·m⁻², per patch.
     pub irradiance: Vec<Rgb64>,
-    /// See [`Solution::residuals`].
+    /// See [`Converged::residuals`].
     pub residuals: Vec<f64>,
     /// Sweeps, or shots.
     pub iterations: usize,
@@ -209,7 +212,7 @@ pub fn solve(
         }
     };
     let light = balance(mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
-        row(&estimator, settings.method, i).iter().map(|(_, factor)| factor).sum()
+        row(&estimator, settings.method, i)
     });
     // Only now: the balance may have traced rows that shooting never needed.
     let rays = estimator.rays() + direct_rays.unwrap_or(0);
@@ -264,7 +267,7 @@ impl Clock {
 struct Timed<'c, R>(R, &'c Clock);
 
 impl<R: RowSource> RowSource for Timed<'_, R> {
-    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+    fn row(&self, i: PatchId) -> Row {
         let start = Instant::now();
         let row = self.0.row(i);
         self.1.0.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
@@ -278,7 +281,7 @@ fn shoot<C: RayCaster>(
     settings: &Choices,
     clock: &Clock,
     progress: &dyn Progress,
-) -> Result<Solution> {
+) -> Result<Converged> {
     let stop = settings.stop;
     match settings.method {
         Method::Pairs => problem.shoot(&Timed(PairRows(of), clock), stop, progress),
@@ -286,7 +289,7 @@ fn shoot<C: RayCaster>(
     }
 }
 
-fn row<C: RayCaster>(of: &Estimator<C>, method: Method, i: PatchId) -> Vec<(PatchId, f64)> {
+fn row<C: RayCaster>(of: &Estimator<C>, method: Method, i: PatchId) -> Row {
     match method {
         Method::Pairs => PairRows(of).row(i),
         Method::Hemisphere => HemisphereSource(of).row(i),
@@ -298,16 +301,17 @@ fn balance(
     mesh: &PatchMesh,
     exitance: &[Rgb64],
     direct: Option<&[Rgb64]>,
-    solution: Solution,
+    solution: Converged,
     reciprocity_defect: Option<f64>,
-    missing_row_sum: impl Fn(PatchId) -> f64,
+    missing_row: impl Fn(PatchId) -> Row,
 ) -> Radiosity {
-    let Solution {
+    let Converged {
         mut radiosity,
         mut irradiance,
         residuals,
         iterations,
         mut row_sums,
+        mut on_backs,
         reception_sums,
     } = solution;
     if let Some(direct) = direct {
@@ -317,17 +321,26 @@ fn balance(
         }
     }
     let square_metres = mesh.scene.metres_per_unit.powi(2);
-    let mut energy = Energy { emitted: Rgb64::ZERO, absorbed: Rgb64::ZERO, escaped: Rgb64::ZERO };
+    let (emitted, absorbed, escaped) = (Rgb64::ZERO, Rgb64::ZERO, Rgb64::ZERO);
+    let mut energy = Energy { emitted, absorbed, on_backs: None, escaped };
     for i in 0..mesh.len() {
         let patch = PatchId(i as u32);
         let area = mesh.area(patch) * square_metres;
         // Shooting never needs the row of an emitter whose light was sampled apart.
         if direct.is_some() && row_sums[i].is_none() && exitance[i] != Rgb64::ZERO {
-            row_sums[i] = Some(missing_row_sum(patch));
+            let row = missing_row(patch);
+            row_sums[i] = Some(row.sum());
+            on_backs[i] = row.on_backs;
         }
         energy.emitted += exitance[i] * area;
         energy.absorbed += (1.0 - mesh.reflectance(patch).as_dvec3()) * irradiance[i] * area;
-        energy.escaped += radiosity[i] * area * row_sums[i].map_or(0.0, |sum| 1.0 - sum);
+        let lost = radiosity[i] * area * row_sums[i].map_or(0.0, |sum| 1.0 - sum);
+        let met_backs = on_backs[i].map(|share| radiosity[i] * area * share);
+        energy.escaped += lost - met_backs.unwrap_or_default();
+        energy.on_backs = match (energy.on_backs, met_backs) {
+            (sum, None) => sum,
+            (sum, Some(power)) => Some(sum.unwrap_or_default() + power),
+        };
     }
     let mean_row_sum_defect = mean_row_sum_defect(mesh, &row_sums);
     let known: Vec<f64> = row_sums.into_iter().flatten().collect();

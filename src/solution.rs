@@ -257,7 +257,12 @@ mod tests {
             row_sum_defect: 1.0,
             mean_row_sum_defect: 0.5,
             reciprocity_defect: None,
-            energy: Energy { emitted: Rgb64::ONE, absorbed: Rgb64::ZERO, escaped: Rgb64::ONE },
+            energy: Energy {
+                emitted: Rgb64::ONE,
+                absorbed: Rgb64::ZERO,
+                on_backs: None,
+                escaped: Rgb64::ONE,
+            },
             rays: 7,
             transport_time: Duration::ZERO,
             solve_time: Duration::ZERO,

@@ -317,8 +317,16 @@ fn rows_on_demand_are_the_rows_of_the_matrix() {
                 row
             };
             for i in all(&world.mesh).step_by(3) {
-                assert_eq!(dense(by_pairs.row(i)), row(&pairs, i), "{name}, {points:?}, {i:?}");
-                assert_eq!(dense(by_rays.row(i)), row(&hemisphere, i), "{name}, {points:?}, {i:?}");
+                assert_eq!(
+                    dense(by_pairs.row(i).entries),
+                    row(&pairs, i),
+                    "{name}, {points:?}, {i:?}"
+                );
+                assert_eq!(
+                    dense(by_rays.row(i).entries),
+                    row(&hemisphere, i),
+                    "{name}, {points:?}, {i:?}"
+                );
             }
         }
     }

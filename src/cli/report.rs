@@ -53,6 +53,8 @@ pub struct Seconds {
 pub struct EnergyBalance {
     emitted: [f64; 3],
     absorbed: [f64; 3],
+    /// `null` where it is not known apart from what escaped.
+    on_backs: Option<[f64; 3]>,
     escaped: [f64; 3],
 }
 
@@ -61,6 +63,7 @@ impl From<Energy> for EnergyBalance {
         EnergyBalance {
             emitted: energy.emitted.to_array(),
             absorbed: energy.absorbed.to_array(),
+            on_backs: energy.on_backs.map(|power| power.to_array()),
             escaped: energy.escaped.to_array(),
         }
     }
@@ -133,6 +136,9 @@ impl Report {
         );
         line("emitted", watts(self.energy.emitted));
         line("absorbed", watts(self.energy.absorbed));
+        if let Some(power) = self.energy.on_backs {
+            line("on backs", watts(power));
+        }
         line("escaped", watts(self.energy.escaped));
         line(
             "rays",

@@ -147,7 +147,7 @@ impl Pipeline<'_> {
         let row = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.samples, settings.points);
             let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &());
-            HemisphereSource(&of).row(i)
+            HemisphereSource(&of).row(i).entries
         };
         self.per_patch(pair, row, |a, b| count_entries(a, b))
     }

@@ -4,7 +4,7 @@
 //! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes a ray, and it
 //! sums to 1 wherever every ray hits a front.
 
-use super::{Estimator, RowSource};
+use super::{Estimator, Row, RowSource};
 use crate::color::Rgb64;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::PatchId;
@@ -14,13 +14,15 @@ use crate::sampling::{
 };
 use rayon::prelude::*;
 
-/// A ray that left the scene, or ended on the black back of a one-sided triangle.
-const LOST: u32 = u32::MAX;
+/// A ray that left the scene, and one that ended on the black back of a one-sided triangle. Both are
+/// beyond every patch's number, so that sorting puts them last.
+const ESCAPED: u32 = u32::MAX;
+const ON_BACK: u32 = u32::MAX - 1;
 
 /// What each patch's rays hit.
 pub struct HemisphereRows {
     rays_per_row: usize,
-    /// Row after row, each sorted, so that equal hits and the lost ones are together.
+    /// Row after row, each sorted, so that equal hits are together.
     hits: Vec<u32>,
     areas: Vec<f64>,
 }
@@ -39,11 +41,16 @@ impl HemisphereRows {
         self.areas.is_empty()
     }
 
-    /// What row i's rays hit, without the lost ones, sorted.
+    /// What row i's rays hit, without those that hit no patch, sorted.
     #[inline]
     fn row(&self, i: usize) -> &[u32] {
         let row = &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row];
-        &row[..row.partition_point(|&hit| hit != LOST)]
+        &row[..row.partition_point(|&hit| hit < ON_BACK)]
+    }
+
+    /// The share of each row's rays that ended on backs.
+    pub(super) fn on_backs(&self) -> Vec<f64> {
+        self.hits.chunks(self.rays_per_row).map(share_on_backs).collect()
     }
 
     /// See [`FormFactors::for_each_in_row`](super::FormFactors::for_each_in_row).
@@ -88,6 +95,11 @@ impl HemisphereRows {
     }
 }
 
+/// Of a whole row.
+fn share_on_backs(sorted: &[u32]) -> f64 {
+    count(sorted, ON_BACK) as f64 / sorted.len() as f64
+}
+
 fn count(sorted: &[u32], value: u32) -> usize {
     sorted.partition_point(|&x| x <= value) - sorted.partition_point(|&x| x < value)
 }
@@ -97,7 +109,7 @@ impl<C: RayCaster> Estimator<'_, C> {
     pub fn hemisphere_rows(&self) -> HemisphereRows {
         let rays_per_row = self.samples as usize;
         self.progress.begin(Stage::FormFactors, Some(self.mesh.len() as u64));
-        let mut hits = vec![LOST; self.mesh.len() * rays_per_row];
+        let mut hits = vec![ESCAPED; self.mesh.len() * rays_per_row];
         hits.par_chunks_mut(rays_per_row).enumerate().for_each_init(
             || HemisphereWork::new(self),
             |work, (i, row)| {
@@ -149,8 +161,8 @@ impl HemisphereWork {
         of.caster.nearest_batch(&self.rays, &mut self.hits);
         of.count_rays(self.rays.len());
         for ((entry, ray), hit) in row.iter_mut().zip(&self.rays).zip(&self.hits) {
-            let patch = hit.and_then(|hit| of.mesh.patch_hit(ray, &hit));
-            *entry = patch.map_or(LOST, |patch| patch.0);
+            let landed = |hit| of.mesh.patch_hit(ray, &hit).map_or(ON_BACK, |patch| patch.0);
+            *entry = hit.map_or(ESCAPED, landed);
         }
         row.sort_unstable();
     }
@@ -161,13 +173,12 @@ pub struct HemisphereSource<'a, C>(pub &'a Estimator<'a, C>);
 
 impl<C: RayCaster> RowSource for HemisphereSource<'_, C> {
     /// The same numbers that [`Estimator::hemisphere_rows`] would store.
-    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
-        let mut hits = vec![LOST; self.0.samples as usize];
+    fn row(&self, i: PatchId) -> Row {
+        let mut hits = vec![ESCAPED; self.0.samples as usize];
         HemisphereWork::new(self.0).trace(self.0, i, &mut hits);
         let n = hits.len() as f64;
-        hits.chunk_by(|a, b| a == b)
-            .filter(|run| run[0] != LOST)
-            .map(|run| (PatchId(run[0]), run.len() as f64 / n))
-            .collect()
+        let runs = hits.chunk_by(|a, b| a == b).filter(|run| run[0] < ON_BACK);
+        let entries = runs.map(|run| (PatchId(run[0]), run.len() as f64 / n)).collect();
+        Row { entries, on_backs: Some(share_on_backs(&hits)) }
     }
 }

@@ -130,6 +130,14 @@ impl FormFactors {
             .collect()
     }
 
+    /// The share of each patch's light that ends on black backs; `None` where that is not known apart.
+    pub fn on_backs(&self) -> Option<Vec<f64>> {
+        match self {
+            FormFactors::Exchange(_) => None,
+            FormFactors::Rows(rows) => Some(rows.on_backs()),
+        }
+    }
+
     /// `row_sums` as [`FormFactors::row_sums`] gives them.
     pub fn defects(&self, row_sums: &[f64]) -> Defects {
         Defects {
@@ -148,8 +156,25 @@ pub fn row_sum_defect(row_sums: &[f64]) -> f64 {
     row_sums.iter().map(|sum| (sum - 1.0).abs()).fold(0.0, f64::max)
 }
 
+/// One row of form factors.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Row {
+    /// The entries (j, F_ij) above zero.
+    pub entries: Vec<(PatchId, f64)>,
+    /// The share of the patch's light that ends on black backs; `None` where an estimate cannot tell it
+    /// from what leaves the scene.
+    pub on_backs: Option<f64>,
+}
+
+impl Row {
+    /// Σ_j F_ij.
+    pub fn sum(&self) -> f64 {
+        self.entries.iter().map(|(_, factor)| factor).sum()
+    }
+}
+
 /// One row, computed when it is asked for: what shooting needs instead of a matrix.
 pub trait RowSource: Sync {
-    /// The entries (j, F_ij) of row i above zero.
-    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)>;
+    /// Row i.
+    fn row(&self, i: PatchId) -> Row;
 }

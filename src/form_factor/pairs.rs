@@ -9,7 +9,7 @@
 
 use super::exchange::{ExchangeMatrix, TILE, Tile};
 use super::spherical::SphericalTriangle;
-use super::{Estimator, RowSource};
+use super::{Estimator, Row, RowSource};
 use crate::geometry::{Ray, RayCaster, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
 use crate::progress::Stage;
@@ -339,7 +339,7 @@ pub struct PairRows<'a, C>(pub &'a Estimator<'a, C>);
 
 impl<C: RayCaster> RowSource for PairRows<'_, C> {
     /// The same numbers that [`Estimator::exchange_matrix`] would store.
-    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+    fn row(&self, i: PatchId) -> Row {
         let of = self.0;
         let area = of.mesh.area(i);
         let blocks = of.mesh.len().div_ceil(TILE);
@@ -350,7 +350,7 @@ impl<C: RayCaster> RowSource for PairRows<'_, C> {
                 |(points, work), block| self.row_block(i, area, block, points, work),
             )
             .collect();
-        entries.concat()
+        Row { entries: entries.concat(), on_backs: None }
     }
 }
 

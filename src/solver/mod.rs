@@ -44,7 +44,7 @@ pub enum Stop {
 
 /// What a method found.
 #[derive(Debug, Clone)]
-pub struct Solution {
+pub struct Converged {
     /// B in W·m⁻², per patch.
     pub radiosity: Vec<Rgb64>,
     /// H = Σ_j F_ij B_j in W·m⁻², per patch.
@@ -54,6 +54,8 @@ pub struct Solution {
     pub iterations: usize,
     /// Σ_j F_ij of each row; `None` for rows that were never needed.
     pub row_sums: Vec<Option<f64>>,
+    /// The share of each row that ends on black backs; `None` where it is not known.
+    pub on_backs: Vec<Option<f64>>,
     /// Shooting uses F_ij A_i / A_j for F_ji: the sums of those rows, once every patch has shot.
     pub reception_sums: Option<Vec<f64>>,
 }
@@ -79,7 +81,7 @@ impl Problem {
         method: MatrixMethod,
         stop: Stop,
         progress: &dyn Progress,
-    ) -> Result<Solution> {
+    ) -> Result<Converged> {
         let row_sums = form_factors.row_sums();
         self.check_row_sums(&row_sums)?;
         progress.begin(Stage::Solve, None);
@@ -89,12 +91,16 @@ impl Problem {
         };
         progress.end();
         let (radiosity, residuals) = found?;
-        Ok(Solution {
+        Ok(Converged {
             irradiance: form_factors.gather(&radiosity),
             radiosity,
             iterations: residuals.len(),
             residuals,
             row_sums: row_sums.into_iter().map(Some).collect(),
+            on_backs: match form_factors.on_backs() {
+                Some(shares) => shares.into_iter().map(Some).collect(),
+                None => vec![None; self.len()],
+            },
             reception_sums: None,
         })
     }
@@ -108,7 +114,7 @@ impl Problem {
         rows: &impl RowSource,
         stop: Stop,
         progress: &dyn Progress,
-    ) -> Result<Solution> {
+    ) -> Result<Converged> {
         progress.begin(Stage::Shots, None);
         let found = southwell::solve(self, rows, stop, progress);
         progress.end();

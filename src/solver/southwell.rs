@@ -5,7 +5,7 @@
 //! that patch's row is needed, so no matrix is stored, and the radiosity so far is a picture at any
 //! moment. The unshot power is the residual.
 
-use super::{Problem, Solution, Stop, cannot_converge};
+use super::{Converged, Problem, Stop, cannot_converge};
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
 use crate::form_factor::RowSource;
@@ -17,16 +17,17 @@ pub fn solve(
     rows: &impl RowSource,
     stop: Stop,
     progress: &dyn Progress,
-) -> Result<Solution> {
+) -> Result<Converged> {
     let n = problem.len();
     let most = super::MOST_ITERATIONS.max(1000 * n);
     let mut unshot = Unshot::new(problem);
-    let mut solution = Solution {
+    let mut solution = Converged {
         radiosity: problem.source.clone(),
         irradiance: vec![Rgb64::ZERO; n],
         residuals: Vec::new(),
         iterations: 0,
         row_sums: vec![None; n],
+        on_backs: vec![None; n],
         reception_sums: None,
     };
     let mut reception = vec![0.0; n];
@@ -34,14 +35,15 @@ pub fn solve(
     while !stop.reached(solution.iterations, &residual, most)? {
         let shooter = unshot.brightest();
         let row = rows.row(PatchId(shooter as u32));
-        let sum: f64 = row.iter().map(|(_, factor)| factor).sum();
+        let sum = row.sum();
+        solution.on_backs[shooter] = row.on_backs;
         let reflectance = problem.reflectance[shooter].max_element();
         if reflectance >= 1.0 && reflectance * sum >= 1.0 {
             return Err(cannot_converge(format!("patch {shooter} gives back all its light")));
         }
         let first_shot = solution.row_sums[shooter].replace(sum).is_none();
         let sent = unshot.take(shooter) * problem.areas[shooter];
-        for (PatchId(j), factor) in row {
+        for (PatchId(j), factor) in row.entries {
             let j = j as usize;
             // By reciprocity F_ji = F_ij A_i / A_j.
             let received = sent * (factor / problem.areas[j]);

@@ -3,6 +3,7 @@
 use super::*;
 use crate::bvh::Bvh;
 use crate::form_factor::Estimator;
+use crate::form_factor::Row;
 use crate::form_factor::pairs::PairRows;
 use crate::geometry::Triangle;
 use crate::patches::{PatchId, Subdivision};
@@ -78,9 +79,10 @@ fn dense(form_factors: &FormFactors) -> Dense {
 }
 
 impl RowSource for Dense {
-    fn row(&self, i: PatchId) -> Vec<(PatchId, f64)> {
+    fn row(&self, i: PatchId) -> Row {
         let row = self[i.index()].iter().enumerate();
-        row.filter(|(_, f)| **f > 0.0).map(|(j, &f)| (PatchId(j as u32), f)).collect()
+        let entries = row.filter(|(_, f)| **f > 0.0).map(|(j, &f)| (PatchId(j as u32), f));
+        Row { entries: entries.collect(), on_backs: None }
     }
 }
 
@@ -437,7 +439,7 @@ fn light_that_never_leaves_a_closed_loop_is_refused() {
     let beyond = vec![Rgb64::splat(1.5); mesh.len()];
     for (name, reflectance) in [("1", all_white), ("1 in green", one_channel), ("1.5", beyond)] {
         let problem = Problem { reflectance, ..Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]) };
-        let mut answers: Vec<Result<Solution>> =
+        let mut answers: Vec<Result<Converged>> =
             METHODS.iter().map(|&m| problem.solve(&rows, m, to(1e-3), &quiet)).collect();
         answers.push(problem.shoot(&f, to(1e-3), &quiet));
         for answer in answers {
