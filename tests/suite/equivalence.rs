@@ -1,9 +1,6 @@
 //! The whole pipeline on Embree instead of the native tracer, and on both at once.
 
-#![cfg(feature = "embree")]
-
-mod scenes;
-
+use crate::scenes::{Piece, cube, grey, inside_out, scene, square};
 use glam::Vec3;
 use isolux::bvh::Bvh;
 use isolux::color::Rgb;
@@ -22,7 +19,6 @@ use isolux::solver::Stop;
 use isolux::verify::bounds::Arithmetic;
 use isolux::verify::cross_checked::CrossChecked;
 use isolux::verify::verdict::Judge;
-use scenes::{Piece, cube, grey, inside_out, scene, square};
 use std::path::Path;
 
 const SCENES: [&str; 3] = ["cornell-box", "course-room", "furnace"];

@@ -1,7 +1,9 @@
 //! Form factors against closed forms, against identities, and against each other.
 
-mod scenes;
-
+use crate::scenes::{
+    Measured, Piece, World, all, askew, cube, icosphere, inside_out, patches_of, scaled, scene,
+    square,
+};
 use glam::{DVec3, Vec3};
 use isolux::form_factor::hemisphere::HemisphereSource;
 use isolux::form_factor::pairs::{Estimate, PairRows};
@@ -10,10 +12,6 @@ use isolux::geometry::Triangle;
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::sampling::{PointSet, regular_triangle};
 use isolux::scene::Scene;
-use scenes::{
-    Measured, Piece, World, all, askew, cube, icosphere, inside_out, patches_of, scaled, scene,
-    square,
-};
 
 /// A scene in which the form factor from its first piece to its second is known.
 struct Case {

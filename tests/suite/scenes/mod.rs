@@ -1,8 +1,5 @@
 //! Scenes made in memory whose light is known exactly.
 
-// Each test file uses its own part of this.
-#![allow(dead_code)]
-
 use glam::{DVec3, Vec3};
 use isolux::bvh::Bvh;
 use isolux::color::Rgb;

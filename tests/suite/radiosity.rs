@@ -1,7 +1,9 @@
 //! Whole solutions: furnace, integrating sphere, energy, direct light, and what is refused.
 
-mod scenes;
-
+use crate::scenes::{
+    Measured, Piece, World, all, askew, cube, grey, icosphere, inside_out, patches_of, scene,
+    square,
+};
 use glam::{DVec3, Vec3};
 use isolux::color::{Rgb, Rgb64};
 use isolux::error::ErrorKind;
@@ -13,10 +15,6 @@ use isolux::radiosity::{Choices, Energy, Method, Radiosity, Solver, solve};
 use isolux::sampling::{PointSet, regular_triangle};
 use isolux::scene::Scene;
 use isolux::solver::Stop;
-use scenes::{
-    Measured, Piece, World, all, askew, cube, grey, icosphere, inside_out, patches_of, scene,
-    square,
-};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -661,7 +659,7 @@ fn solvers_agree_and_threads_do_not_matter() {
 #[test]
 fn metres_change_the_watts_and_scale_changes_nothing() {
     let small = furnished_room(0.25);
-    let large = scenes::scaled(&small, 64.0);
+    let large = crate::scenes::scaled(&small, 64.0);
     let world = |scene| World::new(scene, 1);
     for (method, direct_samples) in [(Method::Pairs, 0), (Method::Hemisphere, 16)] {
         let settings = Choices { direct_samples, ..settings(method, Solver::GaussSeidel) };

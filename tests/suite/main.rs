@@ -1,0 +1,12 @@
+//! What the library and the program do as a whole: one binary, a module for each module of `src`.
+
+mod bench;
+mod cli;
+#[cfg(feature = "embree")]
+mod equivalence;
+mod form_factor;
+mod radiosity;
+mod render;
+mod scenes;
+mod structure;
+mod verify;
