@@ -7,6 +7,7 @@ pub mod kernel;
 pub mod moller_trumbore;
 pub mod plane;
 pub mod ray;
+pub mod shapes;
 pub mod surface;
 pub mod triangle;
 

@@ -8,5 +8,6 @@ mod form_factor;
 mod radiosity;
 mod render;
 mod scenes;
+mod snapshots;
 mod structure;
 mod verify;
