@@ -227,12 +227,17 @@ impl PatchMesh {
     /// The side that a ray meets at a hit, or `None` for the black back of a one-sided triangle.
     #[inline]
     pub fn side_hit(&self, ray: &Ray, hit: &Hit) -> Option<&Side> {
-        let front = self.side_of_front[hit.triangle.index()];
-        let side = &self.sides[front as usize];
-        if side.normal.dot(ray.direction) < 0.0 {
-            return Some(side);
+        self.side_number_hit(ray, hit).map(|number| &self.sides[number])
+    }
+
+    /// The number of that side.
+    #[inline]
+    pub(crate) fn side_number_hit(&self, ray: &Ray, hit: &Hit) -> Option<usize> {
+        let front = self.side_of_front[hit.triangle.index()] as usize;
+        if self.sides[front].normal.dot(ray.direction) < 0.0 {
+            return Some(front);
         }
-        self.side_of_back[hit.triangle.index()].map(|back| &self.sides[back as usize])
+        self.side_of_back[hit.triangle.index()].map(|back| back as usize)
     }
 
     /// The patch that a ray meets at a hit, or `None` for the black back of a one-sided triangle.

@@ -18,9 +18,10 @@ impl<'m> SurfacePoint<'m> {
     /// `None` on the black back of a one-sided triangle.
     #[inline]
     pub fn hit(mesh: &'m PatchMesh, ray: &Ray, hit: &Hit) -> Option<Self> {
-        let side = mesh.side_hit(ray, hit)?;
+        let side_number = mesh.side_number_hit(ray, hit)?;
+        let side = &mesh.sides()[side_number];
         let (cell, l1, l2) = Cell::containing(side.level, hit.u, hit.v);
         let patch = PatchId(side.first.0 + cell.number(side.level));
-        Some(SurfacePoint { side, side_number: mesh.side_number(patch), cell, patch, l1, l2 })
+        Some(SurfacePoint { side, side_number, cell, patch, l1, l2 })
     }
 }

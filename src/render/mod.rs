@@ -96,18 +96,19 @@ pub fn pixel(
 
 /// One thread's buffers.
 #[derive(Default)]
-struct Work {
+struct Work<'m> {
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
+    points: Vec<SurfacePoint<'m>>,
 }
 
-impl Work {
+impl<'m> Work<'m> {
     /// Sets `pixel` to the mean radiance of its samples, one entry per shading.
     #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once a pixel")]
     fn draw(
         &mut self,
         caster: &impl RayCaster,
-        mesh: &PatchMesh,
+        mesh: &'m PatchMesh,
         camera: &Camera,
         frame: &Frame,
         (x, y): (usize, usize),
@@ -123,13 +124,12 @@ impl Work {
             camera.ray((x as f32 + dx) / width, (y as f32 + dy) / height, width / height)
         }));
         caster.nearest_batch(&self.rays, &mut self.hits);
-        for (ray, hit) in self.rays.iter().zip(&self.hits) {
-            let Some(point) = hit.and_then(|hit| SurfacePoint::hit(mesh, ray, &hit)) else {
-                continue;
-            };
-            for (sum, shading) in pixel.iter_mut().zip(shadings) {
-                *sum += shading.radiance(&point);
-            }
+        let samples = self.rays.iter().zip(&self.hits);
+        let met = samples.filter_map(|(ray, hit)| SurfacePoint::hit(mesh, ray, &(*hit)?));
+        self.points.clear();
+        self.points.extend(met);
+        for (sum, shading) in pixel.iter_mut().zip(shadings) {
+            *sum = shading.sum(&self.points);
         }
         pixel.iter_mut().for_each(|sum| *sum /= frame.samples as f32);
     }

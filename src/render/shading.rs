@@ -11,6 +11,11 @@ use std::sync::Arc;
 pub trait Shading: Send + Sync {
     /// In W·sr⁻¹·m⁻².
     fn radiance(&self, point: &SurfacePoint) -> Rgb;
+
+    /// The sum over some points, in their order: one call through the trait for a pixel's samples.
+    fn sum(&self, points: &[SurfacePoint]) -> Rgb {
+        points.iter().fold(Rgb::ZERO, |sum, point| sum + self.radiance(point))
+    }
 }
 
 /// Constant radiance over each patch: that of its uncovered part.
