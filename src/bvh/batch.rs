@@ -1,10 +1,10 @@
 //! Many rays at once: which way to trace them is chosen by what they have in common.
 
-use super::flights::{FLIGHTS, fly};
-use super::lanes::PreparedRay;
-use super::leaf_kernel::LeafKernel;
+use super::interleaved::{SLOTS, trace_interleaved};
+use super::kernel8::LeafKernel;
+use super::packet_walk::{Group, trace_packet};
+use super::ray_lanes::PreparedRay;
 use super::stream::Stream;
-use super::together::{Group, together};
 use super::traverse::Entry;
 use super::{Bvh, WIDTH};
 use crate::geometry::{Hit, Ray};
@@ -16,7 +16,7 @@ pub struct Scratch {
     pub stack: Vec<Entry>,
     groups: Vec<Group>,
     /// Rays that have nothing in common with their neighbours.
-    loose: Vec<u32>,
+    incoherent: Vec<u32>,
     stream: Stream,
 }
 
@@ -24,7 +24,7 @@ thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch {
         stack: Vec::new(),
         groups: Vec::new(),
-        loose: Vec::new(),
+        incoherent: Vec::new(),
         stream: Stream::new(),
     });
 }
@@ -34,8 +34,8 @@ thread_local! {
 pub fn with_scratch<R>(entries: usize, trace: impl FnOnce(&mut Scratch) -> R) -> R {
     SCRATCH.with_borrow_mut(|scratch| {
         // Every stack of the rays in flight is the same share of all.
-        if scratch.stack.len() < entries * FLIGHTS {
-            scratch.stack.resize(entries * FLIGHTS, 0);
+        if scratch.stack.len() < entries * SLOTS {
+            scratch.stack.resize(entries * SLOTS, 0);
             scratch.groups.resize(entries, Group::NONE);
         }
         trace(scratch)
@@ -55,21 +55,21 @@ pub fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
     scratch: &mut Scratch,
     finish: &mut impl FnMut(usize, Option<Hit>),
 ) {
-    let Scratch { stack, groups, loose, stream } = scratch;
-    loose.clear();
+    let Scratch { stack, groups, incoherent, stream } = scratch;
+    incoherent.clear();
     for (part, rays) in rays.chunks(WIDTH).enumerate() {
         let first = part * WIDTH;
         if are_close(rays, bvh.extent) {
             let mut eight = [rays[0]; WIDTH];
             eight[..rays.len()].copy_from_slice(rays);
-            let hits = together::<S, K, ANY>(simd, bvh, &eight, rays.len(), groups, stack);
+            let hits = trace_packet::<S, K, ANY>(simd, bvh, &eight, rays.len(), groups, stack);
             for (k, hit) in hits[..rays.len()].iter().enumerate() {
                 finish(first + k, *hit);
             }
         } else {
             for (k, ray) in rays.iter().enumerate() {
                 if PreparedRay::can_hit(ray) {
-                    loose.push((first + k) as u32);
+                    incoherent.push((first + k) as u32);
                 } else {
                     finish(first + k, None);
                 }
@@ -77,9 +77,9 @@ pub fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
         }
     }
     if bvh.triangles.len() <= SMALL {
-        stream.trace::<S, K, ANY>(simd, bvh, rays, loose, finish);
+        stream.trace::<S, K, ANY>(simd, bvh, rays, incoherent, finish);
     } else {
-        fly::<S, K, ANY>(simd, bvh, rays, loose, stack, finish);
+        trace_interleaved::<S, K, ANY>(simd, bvh, rays, incoherent, stack, finish);
     }
 }
 

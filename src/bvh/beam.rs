@@ -5,9 +5,9 @@
 //! Rounding is monotone, so what the ranges give, computed as for one ray, bounds what each ray gets.
 
 use super::WIDTH;
-use super::lanes::STRETCH;
 use super::node::Node;
 use super::packet::Packet;
+use super::ray_lanes::STRETCH;
 use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// The ranges of a packet's origins and inverse directions.

@@ -74,7 +74,7 @@ fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {
 
 /// A box is split where the halves' surface, times this, is less than its own. A right triangle
 /// along the axes comes to 4/3, a long thin one across a cube to 2.
-const GAIN: f32 = 1.6;
+const SPLIT_GAIN: f32 = 1.6;
 
 /// Triangles that are split at a time. Whatever it is, the pieces are the same, but for their order.
 const CHUNK: usize = 1 << 13;
@@ -113,7 +113,7 @@ fn split_chunk(triangles: &[Triangle], first: usize, average: f32) -> (Vec<Aabb>
     // As the library's presets have it.
     let (places, rounds) = (12, 12);
     split_aabbs_precise(
-        &mut boxes, &mut ids, &shapes, average, average, GAIN, GAIN, rounds, places,
+        &mut boxes, &mut ids, &shapes, average, average, SPLIT_GAIN, SPLIT_GAIN, rounds, places,
     );
     for (bounds, id) in boxes.iter_mut().zip(&mut ids) {
         let triangle = &triangles[*id as usize];

@@ -133,7 +133,7 @@ impl Leaf<'_> {
 
 /// Added to an id's bits it makes an ordinary number of them. As they are they would be a denormal,
 /// with which some processors compute slowly, and they do lie in lanes that nobody uses.
-const ORDINARY: u32 = 1 << 30;
+const NORMAL_BIT: u32 = 1 << 30;
 
 /// Above the rank of every triangle.
 pub const NO_RANK: f32 = f32::INFINITY;
@@ -141,11 +141,11 @@ pub const NO_RANK: f32 = f32::INFINITY;
 /// A positive number that grows with the id, so that lanes can compare ids as they compare t.
 #[inline(always)]
 pub fn rank_of(id: TriangleId) -> f32 {
-    f32::from_bits(id.0 | ORDINARY)
+    f32::from_bits(id.0 | NORMAL_BIT)
 }
 
 /// The id of that rank.
 #[inline(always)]
 pub fn id_of(rank: f32) -> TriangleId {
-    TriangleId(rank.to_bits() & !ORDINARY)
+    TriangleId(rank.to_bits() & !NORMAL_BIT)
 }

@@ -5,12 +5,12 @@
 //! | `build` | a library's binary tree, made wide; long thin triangles in several boxes |
 //! | `collapse` | which descendants a node adopts, at the least cost |
 //! | `node` | eight boxes |
-//! | `leaf`, `leaf_kernel` | triangles as leaves hold them; the kernels on eight lanes |
+//! | `leaf`, `kernel8` | triangles as leaves hold them; the kernels on eight lanes |
 //! | `met` | the answer of a kernel |
-//! | `lanes`, `traverse` | one ray against eight boxes; its walk |
-//! | `flights` | many rays, each a step at a time |
+//! | `ray_lanes`, `traverse` | one ray against eight boxes; its walk |
+//! | `interleaved` | many rays, each a step at a time |
 //! | `packet`, `beam` | eight rays, one per lane; what contains them |
-//! | `together` | the walk of a packet, as long as its rays stay together |
+//! | `packet_walk` | the walk of a packet, as long as its rays stay together |
 //! | `stream` | a batch through a small hierarchy, node by node |
 //! | `batch` | which of these ways a batch takes |
 //! | `tracer` | a hierarchy whose kernel is chosen at run time |
@@ -25,20 +25,20 @@ mod batch;
 mod beam;
 mod build;
 mod collapse;
-mod flights;
-mod lanes;
+mod interleaved;
+mod kernel8;
 mod leaf;
-mod leaf_kernel;
 mod met;
 #[cfg(test)]
 pub(crate) mod mutants;
 mod node;
 mod packet;
+mod packet_walk;
+mod ray_lanes;
 pub mod simd;
 mod stream;
 #[cfg(test)]
 mod tests;
-mod together;
 mod tracer;
 mod traverse;
 
@@ -54,7 +54,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 
 pub use build::Effort;
-pub use leaf_kernel::LeafKernel;
+pub use kernel8::LeafKernel;
 pub use tracer::Tracer;
 
 /// Children of a node, triangles of a leaf, rays of a packet.
@@ -66,7 +66,7 @@ struct Child(u32);
 
 /// What a child is.
 #[derive(Debug, Clone, Copy)]
-enum Kind {
+enum ChildKind {
     Node(usize),
     /// Its first triangle and their number.
     Leaf(usize, usize),
@@ -95,12 +95,12 @@ impl Child {
     }
 
     #[inline(always)]
-    fn kind(self) -> Kind {
+    fn kind(self) -> ChildKind {
         if !self.is_leaf() {
-            return Kind::Node(self.0 as usize);
+            return ChildKind::Node(self.0 as usize);
         }
         let count = (self.0 >> Child::COUNT_SHIFT & 7) + 1;
-        Kind::Leaf(self.0 as usize & Child::FIRST, count as usize)
+        ChildKind::Leaf(self.0 as usize & Child::FIRST, count as usize)
     }
 }
 
@@ -195,14 +195,14 @@ impl<K: LeafKernel> RayCaster for Bvh<K> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
         with_scratch(self.stack, |scratch| {
             let stack = &mut scratch.stack[..];
-            dispatch!(self.level, simd => traverse::alone::<_, _, false>(simd, self, ray, stack))
+            dispatch!(self.level, simd => traverse::trace_single::<_, _, false>(simd, self, ray, stack))
         })
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
         with_scratch(self.stack, |scratch| {
             let stack = &mut scratch.stack[..];
-            dispatch!(self.level, simd => traverse::alone::<_, _, true>(simd, self, ray, stack))
+            dispatch!(self.level, simd => traverse::trace_single::<_, _, true>(simd, self, ray, stack))
                 .is_some()
         })
     }

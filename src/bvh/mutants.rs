@@ -6,7 +6,7 @@
 
 use super::leaf::{RANK, REACH, WORDS};
 use super::node::Node;
-use super::{Bvh, Child, Kind, LeafKernel};
+use super::{Bvh, Child, ChildKind, LeafKernel};
 use crate::geometry::moller_trumbore::{band_scale, determinants, volume};
 use crate::geometry::{Kernel, MollerTrumbore, Ray, RayCaster, Triangle};
 use glam::DVec3;
@@ -66,7 +66,7 @@ fn kernel<const FAULT: u8>(triangles: &[Triangle]) -> Box<dyn RayCaster + '_> {
 
 /// Where a leaf with at least two triangles hangs: its node and its slot.
 fn a_place(bvh: &Bvh) -> (usize, usize) {
-    let is_large = |child: &Child| matches!(child.kind(), Kind::Leaf(_, count) if count > 1);
+    let is_large = |child: &Child| matches!(child.kind(), ChildKind::Leaf(_, count) if count > 1);
     let find = |node: &Node| (0..8).find(|&slot| node.has(slot) && is_large(&node.children[slot]));
     let places = bvh.nodes.iter().enumerate();
     let mut places = places.filter_map(|(index, node)| find(node).map(|slot| (index, slot)));
@@ -76,7 +76,9 @@ fn a_place(bvh: &Bvh) -> (usize, usize) {
 /// The numbers of one kind of such a leaf.
 fn a_leaf(bvh: &mut Bvh, kind: usize) -> &mut [f32] {
     let (node, slot) = a_place(bvh);
-    let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
+    let ChildKind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else {
+        unreachable!()
+    };
     &mut bvh.leaves.words[first * WORDS + kind * count..][..count]
 }
 
@@ -100,7 +102,9 @@ fn drop_a_child(bvh: &mut Bvh) {
 /// The last triangle is forgotten; its numbers remain where they are.
 fn shorten_a_leaf(bvh: &mut Bvh) {
     let (node, slot) = a_place(bvh);
-    let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
+    let ChildKind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else {
+        unreachable!()
+    };
     let words = bvh.leaf(first, count).words.to_vec();
     let short = &mut bvh.leaves.words[first * WORDS..];
     for kind in 0..WORDS {
@@ -115,7 +119,7 @@ fn forget_reach(bvh: &mut Bvh) {
     for node in 0..bvh.nodes.len() {
         for slot in 0..8 {
             let child = bvh.nodes[node].children[slot];
-            if let Kind::Leaf(first, count) = child.kind() {
+            if let ChildKind::Leaf(first, count) = child.kind() {
                 let start = first * WORDS + REACH * count;
                 bvh.leaves.words[start..start + count].fill(1e-30);
             }
@@ -126,7 +130,9 @@ fn forget_reach(bvh: &mut Bvh) {
 /// The box of one leaf, on every side to one ulp inside of what is in it.
 fn shrink_a_box(bvh: &mut Bvh) {
     let (node, slot) = a_place(bvh);
-    let Kind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else { unreachable!() };
+    let ChildKind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else {
+        unreachable!()
+    };
     let leaf = bvh.leaf(first, count);
     let corners = (0..count).flat_map(|number| leaf.triangle(number).p);
     let exact: crate::geometry::bounds::Bounds = corners.collect();

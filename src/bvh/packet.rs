@@ -1,10 +1,10 @@
 //! Eight rays, one per lane: what is known of them, and which of them enter a box.
 
 use super::WIDTH;
-use super::lanes::{SHORT, STRETCH};
 use super::leaf::{NO_RANK, id_of};
 use super::met::Met;
 use super::node::Node;
+use super::ray_lanes::{SHORT, STRETCH};
 use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
@@ -14,7 +14,7 @@ pub struct Packet<S: Simd> {
     pub simd: S,
     pub origin: [f32x8<S>; 3],
     pub direction: [f32x8<S>; 3],
-    /// See [`PreparedRay`](super::lanes::PreparedRay).
+    /// See [`PreparedRay`](super::ray_lanes::PreparedRay).
     pub inverse: [f32x8<S>; 3],
     pub t_scale: f32x8<S>,
     pub band_scale: f32x8<S>,

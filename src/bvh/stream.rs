@@ -5,12 +5,12 @@
 //! every branch is taken by surprise. Here each node sends the numbers of the rays that enter its
 //! children to their lists, without a branch, and a leaf takes its list eight rays at a time.
 
-use super::lanes::STRETCH;
+use super::kernel8::LeafKernel;
 use super::leaf::{Leaf, NO_RANK, id_of};
-use super::leaf_kernel::LeafKernel;
 use super::node::Node;
 use super::packet::{Packet, band_scale, columns, longest};
-use super::{Bvh, Child, Kind, WIDTH};
+use super::ray_lanes::STRETCH;
+use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, mask8x32, prelude::*, u8x32};
 use glam::Vec3;
@@ -105,8 +105,8 @@ impl Stream {
     ) {
         let Visit { child, first, mut count } = visit;
         match child.kind() {
-            Kind::Node(index) => self.divide(simd, &bvh.nodes[index], first, count),
-            Kind::Leaf(start, length) => {
+            ChildKind::Node(index) => self.divide(simd, &bvh.nodes[index], first, count),
+            ChildKind::Leaf(start, length) => {
                 let leaf = bvh.leaf(start, length);
                 if ANY {
                     count = self.rows.still_searching(&mut self.lists[first..first + count]);

@@ -171,8 +171,8 @@ fn every_triangle_is_in_a_leaf_and_every_box_holds_what_is_below_it() {
                 let (min, max) = (side(0), side(1));
                 assert!(min.cmpge(whole.min).all() && max.cmple(whole.max).all(), "node {index}");
                 match node.children[slot].kind() {
-                    Kind::Node(child) => work.push((child, Bounds { min, max })),
-                    Kind::Leaf(first, count) => {
+                    ChildKind::Node(child) => work.push((child, Bounds { min, max })),
+                    ChildKind::Leaf(first, count) => {
                         let leaf = bvh.leaf(first, count);
                         (0..count).for_each(|i| found[leaf.id(i).index()] = true);
                     }

@@ -3,12 +3,12 @@
 //! A step asks the processor to foresee as little as it can: which boxes are entered, in which order, and
 //! whether a leaf is hit is told by numbers rather than by branches.
 
-use super::lanes::{PreparedRay, RayLanes, STRETCH};
+use super::kernel8::LeafKernel;
 use super::leaf::Leaf;
-use super::leaf_kernel::LeafKernel;
 use super::met::Met;
 use super::node::Node;
-use super::{Bvh, Child, Kind, WIDTH};
+use super::ray_lanes::{PreparedRay, RayLanes, STRETCH};
+use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray, TriangleId};
 use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8, u64x2};
 use std::hint::select_unpredictable;
@@ -107,7 +107,7 @@ impl Walk {
         stack: &[Entry],
     ) {
         self.waiting -= 1;
-        let Kind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
+        let ChildKind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
             unreachable!("whoever is at a node visits it")
         };
         let leaf = bvh.leaf(first, count);
@@ -228,7 +228,7 @@ pub fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
 
 /// The nearest hit of one ray, or any if `ANY`.
 #[inline(always)]
-pub fn alone<S: Simd, K: LeafKernel, const ANY: bool>(
+pub fn trace_single<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     ray: &Ray,

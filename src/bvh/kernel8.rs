@@ -1,9 +1,9 @@
 //! The intersection kernels on eight lanes: a ray and eight triangles, or eight rays and a triangle.
 
-use super::lanes::RayLanes;
 use super::leaf::Leaf;
 use super::met::Met;
 use super::packet::Packet;
+use super::ray_lanes::RayLanes;
 use crate::geometry::moller_trumbore::{determinants, intersect_seam};
 use crate::geometry::{Kernel, MollerTrumbore, Plane, Ray};
 use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
@@ -99,7 +99,7 @@ struct Pairs<S: Simd> {
 }
 
 impl<S: Simd> Pairs<S> {
-    /// Which of the pairs in `lanes` meet, and which f32 cannot decide: operation for operation
+    /// Which of the pairs in `ray_lanes` meet, and which f32 cannot decide: operation for operation
     /// what [`MollerTrumbore::intersect`](Kernel::intersect) does.
     #[inline(always)]
     fn intersect<const STOP: bool>(&self, simd: S, lanes: u64) -> (Met<S>, u64) {

@@ -6,16 +6,16 @@
 //! Architecture*, TVCG 18(9), 2012).
 
 use super::beam::Beam;
+use super::kernel8::LeafKernel;
 use super::leaf::rank_of;
-use super::leaf_kernel::LeafKernel;
 use super::packet::Packet;
 use super::traverse::{Entry, Walk, walk_on};
-use super::{Bvh, Child, Kind, WIDTH};
+use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// From this node on a packet knows its [`Beam`]. From the first on it cost the Cornell box a third.
-const WAY: u32 = 6;
+const BEAM_FROM_NODE: u32 = 6;
 
 /// A child, the rays that have to visit it (as a mask), and where the first of them enters.
 #[derive(Debug, Clone, Copy)]
@@ -31,7 +31,7 @@ impl Group {
 
 /// The nearest hits of the first `count` of eight rays, or any hits if `ANY`.
 #[inline(always)]
-pub fn together<S: Simd, K: LeafKernel, const ANY: bool>(
+pub fn trace_packet<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     rays: &[Ray; WIDTH],
@@ -54,17 +54,24 @@ pub fn together<S: Simd, K: LeafKernel, const ANY: bool>(
             0 => {}
             1 => {
                 let lane = active.trailing_zeros() as usize;
-                go_on_alone::<S, K, ANY>(&mut packet, &rays[lane], bvh, lane, current.child, stack);
+                go_on_single::<S, K, ANY>(
+                    &mut packet,
+                    &rays[lane],
+                    bvh,
+                    lane,
+                    current.child,
+                    stack,
+                );
             }
             _ => match current.child.kind() {
-                Kind::Node(index) => {
+                ChildKind::Node(index) => {
                     nodes += 1;
-                    if nodes == WAY {
+                    if nodes == BEAM_FROM_NODE {
                         beam = Some(Beam::new(&packet));
                     }
                     waiting = push_entered(&packet, &beam, bvh, index, active, groups, waiting);
                 }
-                Kind::Leaf(first, count) => {
+                ChildKind::Leaf(first, count) => {
                     let leaf = bvh.leaf(first, count);
                     let mut number = 0;
                     while number < count {
@@ -128,7 +135,7 @@ fn push_entered<S: Simd, K>(
 
 /// One ray of the packet through everything below `child`.
 #[inline(always)]
-fn go_on_alone<S: Simd, K: LeafKernel, const ANY: bool>(
+fn go_on_single<S: Simd, K: LeafKernel, const ANY: bool>(
     packet: &mut Packet<S>,
     ray: &Ray,
     bvh: &Bvh<K>,
