@@ -7,7 +7,7 @@ use std::time::Instant;
 
 /// Whose answers they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub enum Contender {
     Native,
     /// Embree's default kernel, which is not watertight.
     Embree,
@@ -18,7 +18,7 @@ pub enum Side {
 /// A way to ask for rays.
 pub struct Engine<'t> {
     pub name: &'static str,
-    pub side: Side,
+    pub side: Contender,
     pub caster: &'t (dyn RayCaster + 't),
     /// Whether it is asked in batches rather than ray by ray.
     pub batched: bool,

@@ -1,6 +1,6 @@
 //! The rays that radiosity casts.
 
-use super::scenes::Stage;
+use super::scenes::BenchScene;
 use crate::geometry::Ray;
 use crate::geometry::surface::Surface;
 use crate::sampling::{PointSet, Purpose, Stream};
@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// What the rays are for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum Workload {
     /// Nearest hits of one picture's rays, in tiles of 4 × 4 pixels.
     Camera,
     /// Nearest hits of cosine-distributed rays, each from another point of the surfaces.
@@ -17,30 +17,30 @@ pub enum Kind {
     Segments,
 }
 
-impl Kind {
-    pub const ALL: [Kind; 3] = [Kind::Camera, Kind::Incoherent, Kind::Segments];
+impl Workload {
+    pub const ALL: [Workload; 3] = [Workload::Camera, Workload::Incoherent, Workload::Segments];
 
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Camera => "camera",
-            Kind::Incoherent => "incoherent",
-            Kind::Segments => "segments",
+            Workload::Camera => "camera",
+            Workload::Incoherent => "incoherent",
+            Workload::Segments => "segments",
         }
     }
 
     /// About `count` rays: for a picture, the next square of tiles.
-    pub fn rays(self, stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
+    pub fn rays(self, stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
         match self {
-            Kind::Camera => camera(stage, count),
-            Kind::Incoherent => incoherent(stage, count, seed),
-            Kind::Segments => segments(stage, count, seed),
+            Workload::Camera => camera(stage, count),
+            Workload::Incoherent => incoherent(stage, count, seed),
+            Workload::Segments => segments(stage, count, seed),
         }
     }
 }
 
 const TILE: u32 = 4;
 
-fn camera(stage: &Stage, count: u64) -> Vec<Ray> {
+fn camera(stage: &BenchScene, count: u64) -> Vec<Ray> {
     let tiles = ((count as f64).sqrt() / TILE as f64).ceil() as u32;
     let size = (tiles * TILE) as f32;
     let pixel = |tile: u32, k: u32| {
@@ -54,7 +54,7 @@ fn stream(seed: u64, index: u64) -> Stream {
     Stream::new(seed, Purpose::Bench, index + 1, PointSet::Random)
 }
 
-fn incoherent(stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
+fn incoherent(stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
     let surface = Surface::new(&stage.triangles);
     let ray = |index| {
         let stream = stream(seed, index);
@@ -67,7 +67,7 @@ fn incoherent(stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
 /// Draws before a pair that faces each other is given up: of a room's pairs every second does.
 const ATTEMPTS: u32 = 64;
 
-fn segments(stage: &Stage, count: u64, seed: u64) -> Vec<Ray> {
+fn segments(stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
     let surface = Surface::new(&stage.triangles);
     let segment = |index| {
         let stream = stream(seed, index);

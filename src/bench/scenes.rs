@@ -8,7 +8,7 @@ use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Triangles and where to look at them from.
-pub struct Stage {
+pub struct BenchScene {
     pub name: String,
     pub triangles: Arc<[Triangle]>,
     pub camera: Camera,
@@ -36,7 +36,7 @@ impl BuiltIn {
         }
     }
 
-    pub fn stage(self, seed: u64) -> Stage {
+    pub fn stage(self, seed: u64) -> BenchScene {
         let dice = Dice { stream: Stream::new(seed, Purpose::Bench, 0, PointSet::Random), next: 0 };
         let (triangles, eye, target) = match self {
             BuiltIn::Cornell => cornell(),
@@ -44,7 +44,7 @@ impl BuiltIn {
             BuiltIn::Atrium => atrium(dice),
         };
         let camera = Camera::new(eye, target, Vec3::Y, 60.0, 0.0).expect("an ordinary view");
-        Stage { name: self.name().into(), triangles: triangles.into(), camera }
+        BenchScene { name: self.name().into(), triangles: triangles.into(), camera }
     }
 }
 

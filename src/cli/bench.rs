@@ -2,9 +2,9 @@
 
 use super::progress::Bars;
 use super::{say, warn};
-use crate::bench::race::{Engine, Query, Rates, Side, race};
-use crate::bench::rays::Kind;
-use crate::bench::scenes::{BuiltIn, Stage};
+use crate::bench::race::{Contender, Engine, Query, Rates, race};
+use crate::bench::rays::Workload;
+use crate::bench::scenes::{BenchScene, BuiltIn};
 use crate::bvh::Bvh;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_writable, write_all};
@@ -75,7 +75,7 @@ fn pool(threads: u32) -> Result<ThreadPool> {
 }
 
 /// A built-in scene by its name, or a file.
-fn stage(scene: &Path, seed: u64) -> Result<Stage> {
+fn stage(scene: &Path, seed: u64) -> Result<BenchScene> {
     if let Some(built_in) = BuiltIn::ALL.into_iter().find(|b| Path::new(b.name()) == scene) {
         return Ok(built_in.stage(seed));
     }
@@ -87,7 +87,7 @@ fn stage(scene: &Path, seed: u64) -> Result<Stage> {
         Some(camera) => camera,
         None => Camera::fitted(&triangles, &Bvh::<MollerTrumbore>::build(triangles.clone())),
     };
-    Ok(Stage { name: description.title, triangles, camera })
+    Ok(BenchScene { name: description.title, triangles, camera })
 }
 
 /// What was measured, for programs.
@@ -136,7 +136,7 @@ fn median(mut seconds: Vec<f64>) -> Option<f64> {
 }
 
 fn measure(
-    stage: &Stage,
+    stage: &BenchScene,
     pools: &[ThreadPool],
     arguments: &Arguments,
     report: &mut Report,
@@ -159,13 +159,13 @@ fn measure(
         embree_bytes: casters.bytes,
     });
     let mut engines = vec![
-        Engine { name: "native single", side: Side::Native, caster: &native, batched: false },
-        Engine { name: "native batched", side: Side::Native, caster: &native, batched: true },
+        Engine { name: "native single", side: Contender::Native, caster: &native, batched: false },
+        Engine { name: "native batched", side: Contender::Native, caster: &native, batched: true },
     ];
     engines.extend(casters.engines());
     let bars = Bars::new();
-    bars.begin(progress::Stage::Bench, Some((Kind::ALL.len() * pools.len()) as u64));
-    for kind in Kind::ALL {
+    bars.begin(progress::Stage::Bench, Some((Workload::ALL.len() * pools.len()) as u64));
+    for kind in Workload::ALL {
         let rays = kind.rays(stage, arguments.rays, arguments.seed);
         for pool in pools {
             let outcome = compete(stage, kind, &rays, pool, &engines, arguments.rounds as usize);
@@ -178,24 +178,25 @@ fn measure(
 }
 
 fn compete(
-    stage: &Stage,
-    kind: Kind,
+    stage: &BenchScene,
+    kind: Workload,
     rays: &[Ray],
     pool: &ThreadPool,
     engines: &[Engine],
     rounds: usize,
 ) -> Outcome {
     let query = match kind {
-        Kind::Camera | Kind::Incoherent => Query::Nearest,
-        Kind::Segments => Query::Occluded,
+        Workload::Camera | Workload::Incoherent => Query::Nearest,
+        Workload::Segments => Query::Occluded,
     };
     let rates = pool.install(|| race(engines, rays, query, rounds));
     let best = |side| {
         let of_side = engines.iter().zip(&rates).filter(|(engine, _)| engine.side == side);
         of_side.map(|(_, rates)| rates.median).max_by(f64::total_cmp)
     };
-    let native = best(Side::Native).expect("the native engines take part");
-    let (embree_best, embree_robust_best) = (best(Side::Embree), best(Side::EmbreeRobust));
+    let native = best(Contender::Native).expect("the native engines take part");
+    let (embree_best, embree_robust_best) =
+        (best(Contender::Embree), best(Contender::EmbreeRobust));
     Outcome {
         scene: stage.name.clone(),
         triangles: stage.triangles.len(),
@@ -212,13 +213,13 @@ fn compete(
 
 #[cfg(feature = "embree")]
 mod embree {
-    use super::{Engine, Result, Side, Stage};
+    use super::{BenchScene, Contender, Engine, Result};
     use crate::oracle::{Device, EmbreeScene, Options, Packets};
     use std::time::Instant;
 
     pub struct Casters {
         pub bytes: Option<usize>,
-        all: Vec<(&'static str, Side, EmbreeScene)>,
+        all: Vec<(&'static str, Contender, EmbreeScene)>,
     }
 
     pub fn oracle() -> Result<String> {
@@ -226,21 +227,21 @@ mod embree {
     }
 
     /// Of Embree's default kernel, at its highest quality.
-    pub fn oracle_build_seconds(stage: &Stage) -> Result<Option<f64>> {
+    pub fn oracle_build_seconds(stage: &BenchScene) -> Result<Option<f64>> {
         let device = Device::new("")?;
         let start = Instant::now();
         EmbreeScene::build(&device, &stage.triangles, Options::default())?;
         Ok(Some(start.elapsed().as_secs_f64()))
     }
 
-    pub fn oracle_casters(stage: &Stage) -> Result<Casters> {
+    pub fn oracle_casters(stage: &BenchScene) -> Result<Casters> {
         let device = Device::new("")?;
         let mut casters = Casters { bytes: None, all: Vec::new() };
         for (side, names) in [
-            (Side::Embree, ["Embree 1", "Embree 8", "Embree 16"]),
-            (Side::EmbreeRobust, ["Embree robust 1", "Embree robust 8", "Embree robust 16"]),
+            (Contender::Embree, ["Embree 1", "Embree 8", "Embree 16"]),
+            (Contender::EmbreeRobust, ["Embree robust 1", "Embree robust 8", "Embree robust 16"]),
         ] {
-            let robust = side == Side::EmbreeRobust;
+            let robust = side == Contender::EmbreeRobust;
             let options = Options { robust, packets: Packets::Single };
             let scene = EmbreeScene::build(&device, &stage.triangles, options)?;
             casters.bytes.get_or_insert(scene.bytes());
@@ -268,7 +269,7 @@ use embree::{oracle, oracle_build_seconds, oracle_casters};
 
 #[cfg(not(feature = "embree"))]
 mod alone {
-    use super::{Engine, Result, Stage};
+    use super::{BenchScene, Engine, Result};
 
     pub struct Casters {
         pub bytes: Option<usize>,
@@ -278,11 +279,11 @@ mod alone {
         Ok("without Embree; to race it, build with --features embree (see the README)".into())
     }
 
-    pub fn oracle_build_seconds(_: &Stage) -> Result<Option<f64>> {
+    pub fn oracle_build_seconds(_: &BenchScene) -> Result<Option<f64>> {
         Ok(None)
     }
 
-    pub fn oracle_casters(_: &Stage) -> Result<Casters> {
+    pub fn oracle_casters(_: &BenchScene) -> Result<Casters> {
         Ok(Casters { bytes: None })
     }
 

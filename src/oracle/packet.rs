@@ -21,14 +21,14 @@ use std::ptr;
 pub(super) struct Mask<const LANES: usize>([i32; LANES]);
 
 /// Rays of one packet, as Embree's structs hold them.
-pub(super) trait Packet<const LANES: usize>: Default {
+pub(super) trait EmbreePacket<const LANES: usize>: Default {
     fn set(&mut self, lane: usize, ray: &RTCRay);
     fn nearest(self, scene: &EmbreeScene, mask: &Mask<LANES>) -> [Option<Hit>; LANES];
     fn occluded(self, scene: &EmbreeScene, mask: &Mask<LANES>) -> [bool; LANES];
 }
 
 /// [`nearest_batch`](crate::geometry::RayCaster::nearest_batch), appended to `hits`.
-pub(super) fn nearest_in_packets<P: Packet<LANES>, const LANES: usize>(
+pub(super) fn nearest_in_packets<P: EmbreePacket<LANES>, const LANES: usize>(
     scene: &EmbreeScene,
     rays: &[Ray],
     hits: &mut Vec<Option<Hit>>,
@@ -40,7 +40,7 @@ pub(super) fn nearest_in_packets<P: Packet<LANES>, const LANES: usize>(
 }
 
 /// [`occluded_batch`](crate::geometry::RayCaster::occluded_batch), appended to `blocked`.
-pub(super) fn occluded_in_packets<P: Packet<LANES>, const LANES: usize>(
+pub(super) fn occluded_in_packets<P: EmbreePacket<LANES>, const LANES: usize>(
     scene: &EmbreeScene,
     rays: &[Ray],
     blocked: &mut Vec<bool>,
@@ -51,7 +51,7 @@ pub(super) fn occluded_in_packets<P: Packet<LANES>, const LANES: usize>(
     }
 }
 
-fn fill<P: Packet<LANES>, const LANES: usize>(
+fn fill<P: EmbreePacket<LANES>, const LANES: usize>(
     scene: &EmbreeScene,
     rays: &[Ray],
 ) -> (P, Mask<LANES>) {
@@ -81,7 +81,7 @@ macro_rules! packet {
         #[derive(Default)]
         pub(super) struct $name($ray);
 
-        impl Packet<$lanes> for $name {
+        impl EmbreePacket<$lanes> for $name {
             fn set(&mut self, lane: usize, ray: &RTCRay) {
                 copy!(self.0[lane] = ray: org_x org_y org_z tnear dir_x dir_y dir_z time);
                 copy!(self.0[lane] = ray: tfar mask id flags);
