@@ -18,10 +18,10 @@ use crate::scene::{Camera, Document, Scene};
 use crate::verify::bounds::Arithmetic;
 use crate::verify::grid::{Grid, GridFinding};
 use crate::verify::leaks::{Leaks, leaks};
-use crate::verify::rays::{Kind, RaySource};
+use crate::verify::rays::{RayKind, RaySource};
+use crate::verify::stress_mesh::stress_scene;
 use crate::verify::survey::{Finding, Peer, sum, survey};
 use crate::verify::tally::Tally;
-use crate::verify::unruly::unruly_scene;
 use pipeline::PipelineReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -36,7 +36,7 @@ const BRUTE_FORCE_TRIANGLES: usize = 1000;
 /// Wrong answers that are printed as source for a test: enough to begin with.
 const FAILURES_TOLD: usize = 4;
 
-/// Trace rays, ordinary and nasty, through every tracer there is, and let an exact referee settle
+/// Trace rays, ordinary and adversarial, through every tracer there is, and let an exact referee settle
 /// every difference. Exit code 1 if our own tracer is ever wrong.
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -159,10 +159,10 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     let findings = survey(&scene.triangles, &native, &peers, &source, arguments.rays, &Bars::new());
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
-    let unruly = survey_unruly(arguments, embree)?;
+    let stress_mesh = survey_stress_mesh(arguments, embree)?;
     let grid = ask_grids(arguments, embree)?;
 
-    let built_in = BuiltIn { unruly: by_caster(&unruly), grid };
+    let built_in = BuiltIn { stress_mesh: by_caster(&stress_mesh), grid };
     let verdict = Report {
         pipeline,
         ..Report::new(&description.title, &oracle, arguments, &findings, leaks, built_in)
@@ -171,7 +171,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     let json = json.map(|path| Output { path: path.clone(), bytes: verdict.to_json() });
     write_all(json.into_iter().chain(picture).collect())?;
     say(&verdict.to_text(&findings));
-    Ok(conclude(&verdict, &[findings, unruly].concat()))
+    Ok(conclude(&verdict, &[findings, stress_mesh].concat()))
 }
 
 /// Prints the failures and decides the exit code: 1 if a tracer of ours was wrong.
@@ -209,9 +209,9 @@ fn built_in_rays(arguments: &Arguments) -> u64 {
     (arguments.rays / 10).clamp(10_000, 50_000)
 }
 
-/// Every kind of ray about the unruly mesh.
-fn survey_unruly(arguments: &Arguments, embree: &str) -> Result<Vec<Finding>> {
-    let (scene, camera) = unruly_scene(arguments.seed);
+/// Every kind of ray about the stress mesh.
+fn survey_stress_mesh(arguments: &Arguments, embree: &str) -> Result<Vec<Finding>> {
+    let (scene, camera) = stress_scene(arguments.seed);
     let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, _) = peers(&scene.triangles, embree)?;
@@ -328,7 +328,7 @@ struct Report {
 #[derive(Serialize)]
 struct BuiltIn {
     /// The mesh of slivers, duplicates and overlaps, per caster; not in the totals.
-    unruly: BTreeMap<&'static str, Tally>,
+    stress_mesh: BTreeMap<&'static str, Tally>,
     /// Scenes of small integers, where our bits are demanded, per caster.
     grid: Vec<GridFinding>,
 }
@@ -343,7 +343,11 @@ impl Report {
         built_in: BuiltIn,
     ) -> Self {
         let kinds = |finding: &Finding| -> BTreeMap<&'static str, Tally> {
-            Kind::ALL.iter().map(|kind| kind.name()).zip(finding.by_kind.iter().copied()).collect()
+            RayKind::ALL
+                .iter()
+                .map(|kind| kind.name())
+                .zip(finding.by_kind.iter().copied())
+                .collect()
         };
         let by_caster = by_caster(findings);
         Report {
@@ -352,7 +356,7 @@ impl Report {
             rays: arguments.rays,
             seed: arguments.seed,
             total: sum(by_caster.values()),
-            by_kind: Kind::ALL
+            by_kind: RayKind::ALL
                 .iter()
                 .map(|&kind| (kind.name(), sum(findings.iter().map(|f| &f.by_kind[kind as usize]))))
                 .collect(),
@@ -379,7 +383,7 @@ impl Report {
         }
         text.push('\n');
         heading(&mut text, "kind of ray");
-        for kind in Kind::ALL {
+        for kind in RayKind::ALL {
             row(&mut text, kind.name(), &self.by_kind[kind.name()]);
         }
         text.push('\n');
@@ -388,8 +392,8 @@ impl Report {
             let _ = writeln!(text, "{leaks}");
         }
         text.push('\n');
-        heading(&mut text, "on the unruly mesh");
-        for (peer, tally) in &self.built_in.unruly {
+        heading(&mut text, "on the stress mesh");
+        for (peer, tally) in &self.built_in.stress_mesh {
             row(&mut text, peer, tally);
         }
         text.push('\n');
@@ -407,7 +411,7 @@ fn heading(text: &mut String, first: &str) {
     let _ = writeln!(
         text,
         "{first:<22} {:>11} {:>11} {:>9} {:>9} {:>9} {:>7} {:>7} {:>6}  {:>9}",
-        "queries", "agree", "tie", "touching", "precision", "native", "Embree", "both", "Δt"
+        "queries", "agree", "tie", "touching", "precision", "native", "peer", "both", "Δt"
     );
     let _ = writeln!(
         text,
@@ -426,7 +430,7 @@ fn row(text: &mut String, name: &str, t: &Tally) {
         t.touching,
         t.precision,
         t.native_wrong,
-        t.embree_wrong,
+        t.peer_wrong,
         t.both_wrong,
         t.largest_t_ulps
     );

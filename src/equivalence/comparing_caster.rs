@@ -93,9 +93,9 @@ impl Pair<'_> {
         if native == peer {
             return None;
         }
-        let witness = Witness { pair: self, mesh, detail, gravest: Mutex::new(None) };
-        let reproduced = again(&witness) == *native && again(self.peer) == *peer;
-        let gravest = witness.gravest.into_inner().expect("no thread panics while it notes");
+        let comparing = ComparingCaster { pair: self, mesh, detail, gravest: Mutex::new(None) };
+        let reproduced = again(&comparing) == *native && again(self.peer) == *peer;
+        let gravest = comparing.gravest.into_inner().expect("no thread panics while it notes");
         let unexplained = Difference { cause: Cause::Unexplained, source: None };
         Some(gravest.filter(|_| reproduced).unwrap_or(unexplained))
     }
@@ -103,14 +103,14 @@ impl Pair<'_> {
 
 /// Answers as the native caster does, asks the peer too, and keeps the gravest of the causes why
 /// their answers differ.
-struct Witness<'a> {
+struct ComparingCaster<'a> {
     pair: &'a Pair<'a>,
     mesh: &'a PatchMesh,
     detail: Detail,
     gravest: Mutex<Option<Difference>>,
 }
 
-impl Witness<'_> {
+impl ComparingCaster<'_> {
     fn see_nearest(&self, ray: &Ray, native: Option<Hit>, peer: Option<Hit>) {
         let judgement = self.pair.judge.nearest(ray, native, peer);
         let patch = |hit: Option<Hit>| hit.and_then(|hit| self.mesh.patch_hit(ray, &hit));
@@ -138,8 +138,8 @@ impl Witness<'_> {
             Verdict::Tie => Some(Cause::Tie),
             Verdict::Touching => Some(Cause::Touching),
             Verdict::Precision => Some(Cause::Precision),
-            Verdict::EmbreeWrong if !self.pair.peer_is_ours => Some(Cause::PeerWrong),
-            Verdict::EmbreeWrong | Verdict::NativeWrong | Verdict::BothWrong => {
+            Verdict::PeerWrong if !self.pair.peer_is_ours => Some(Cause::PeerWrong),
+            Verdict::PeerWrong | Verdict::NativeWrong | Verdict::BothWrong => {
                 Some(Cause::NativeWrong)
             }
         }
@@ -155,7 +155,7 @@ impl Witness<'_> {
     }
 }
 
-impl RayCaster for Witness<'_> {
+impl RayCaster for ComparingCaster<'_> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let native = self.pair.native.nearest(ray);
         self.see_nearest(ray, native, self.pair.peer.nearest(ray));

@@ -2,14 +2,14 @@
 //!
 //! With one seed both tracers are asked about the same rays. What comes of their answers (form
 //! factors, direct light, coverage, pixels) is compared number by number; whatever differs is made
-//! once more, with a witness in the caster's place that asks both and lets the exact referee
+//! once more, with a caster in its place that asks both and lets the exact referee
 //! settle each answer that differs. Both pictures are drawn with the native solution, so that a
 //! pixel differs by its own rays alone; what the other solution would have changed is told apart.
 
+mod comparing_caster;
 mod picture;
 #[cfg(test)]
 mod tests;
-mod witness;
 
 use crate::color::Rgb64;
 use crate::coverage::{uncovered, uncovered_share};
@@ -26,11 +26,11 @@ use crate::render::smooth::VertexIrradiance;
 use crate::render::{Frame, Image, pixel, render};
 use crate::sampling::PointSet;
 use crate::scene::Camera;
+pub use comparing_caster::{Cause, Pair};
+use comparing_caster::{Detail, Difference};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
-pub use witness::{Cause, Pair};
-use witness::{Detail, Difference};
 
 /// What to run on both tracers.
 pub struct Pipeline<'a> {
@@ -45,7 +45,7 @@ pub struct Pipeline<'a> {
 
 /// One kind of number, compared.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct Stage {
+pub struct Compared {
     pub total: u64,
     pub differing: u64,
     /// How many of those that differ have which cause; of several causes the gravest.
@@ -54,7 +54,7 @@ pub struct Stage {
     sources: Vec<String>,
 }
 
-impl Stage {
+impl Compared {
     fn add(&mut self, differing: u64, difference: Difference) {
         self.differing += differing;
         *self.causes.entry(difference.cause).or_default() += differing;
@@ -77,20 +77,20 @@ pub struct Solutions {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Entries F_ij that either matrix has.
-    pub form_factors: Stage,
+    pub form_factors: Compared,
     /// Patches; none if direct light was not estimated apart.
-    pub direct_light: Stage,
+    pub direct_light: Compared,
     /// Patches' uncovered shares.
-    pub coverage: Stage,
+    pub coverage: Compared,
     pub radiosity: Solutions,
     /// Pixels.
-    pub flat: Stage,
+    pub flat: Compared,
     /// Pixels.
-    pub smooth: Stage,
+    pub smooth: Compared,
 }
 
 impl Summary {
-    pub fn stages(&self) -> [&Stage; 5] {
+    pub fn stages(&self) -> [&Compared; 5] {
         [&self.form_factors, &self.direct_light, &self.coverage, &self.flat, &self.smooth]
     }
 
@@ -142,7 +142,7 @@ impl Pipeline<'_> {
         Ok(Comparison { summary, smooth: image, causes })
     }
 
-    fn form_factors(&self, pair: &Pair) -> Stage {
+    fn form_factors(&self, pair: &Pair) -> Compared {
         let settings = &self.settings;
         let row = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.samples, settings.points);
@@ -152,10 +152,10 @@ impl Pipeline<'_> {
         self.per_patch(pair, row, |a, b| count_entries(a, b))
     }
 
-    fn direct_light(&self, pair: &Pair) -> Stage {
+    fn direct_light(&self, pair: &Pair) -> Compared {
         let settings = &self.settings;
         if settings.direct_samples == 0 {
-            return Stage::default();
+            return Compared::default();
         }
         let emitters = Emitters::of(self.mesh);
         let light = |caster: &dyn RayCaster, i| {
@@ -166,7 +166,7 @@ impl Pipeline<'_> {
         self.per_patch(pair, light, |a, b| (1, (a != b) as u64))
     }
 
-    fn coverage(&self, pair: &Pair) -> Stage {
+    fn coverage(&self, pair: &Pair) -> Compared {
         let share = |caster: &dyn RayCaster, i| uncovered_share(&caster, self.mesh, i).0;
         self.per_patch(pair, share, |a, b| (1, (a != b) as u64))
     }
@@ -178,7 +178,7 @@ impl Pipeline<'_> {
         pair: &Pair,
         make: impl Fn(&dyn RayCaster, PatchId) -> T + Sync,
         count: impl Fn(&T, &T) -> (u64, u64) + Sync,
-    ) -> Stage {
+    ) -> Compared {
         let compared: Vec<((u64, u64), Option<Difference>)> = (0..self.mesh.len() as u32)
             .into_par_iter()
             .map(|i| {
@@ -189,7 +189,7 @@ impl Pipeline<'_> {
                 (count(&ours, &theirs), difference)
             })
             .collect();
-        let mut stage = Stage::default();
+        let mut stage = Compared::default();
         for ((total, differing), difference) in compared {
             stage.total += total;
             difference.into_iter().for_each(|difference| stage.add(differing, difference));
@@ -217,7 +217,7 @@ impl Pipeline<'_> {
             })
             .collect();
         let causes = differences.iter().map(|d| d.as_ref().map(|d| d.cause)).collect();
-        let mut stage = Stage { total: native.pixels.len() as u64, ..Stage::default() };
+        let mut stage = Compared { total: native.pixels.len() as u64, ..Compared::default() };
         differences.into_iter().flatten().for_each(|difference| stage.add(1, difference));
         Picture { native, stage, causes }
     }
@@ -226,7 +226,7 @@ impl Pipeline<'_> {
 /// A picture drawn twice.
 struct Picture {
     native: Image,
-    stage: Stage,
+    stage: Compared,
     causes: Vec<Option<Cause>>,
 }
 
@@ -240,7 +240,7 @@ fn count_entries(a: &[(PatchId, f64)], b: &[(PatchId, f64)]) -> (u64, u64) {
 }
 
 /// `equations`: what the solutions were made from.
-fn solutions(native: &[Rgb64], peer: &[Rgb64], equations: [&Stage; 2]) -> Solutions {
+fn solutions(native: &[Rgb64], peer: &[Rgb64], equations: [&Compared; 2]) -> Solutions {
     let pairs = || native.iter().zip(peer);
     let relative = pairs()
         .filter(|(a, b)| a != b)

@@ -84,7 +84,7 @@ impl<C: RayCaster> RayCaster for Unsteady<C> {
     }
 }
 
-fn count(stage: &Stage, cause: Cause) -> u64 {
+fn count(stage: &Compared, cause: Cause) -> u64 {
     stage.causes.get(&cause).copied().unwrap_or(0)
 }
 
@@ -145,7 +145,7 @@ fn what_does_not_happen_again_is_not_explained() {
 #[test]
 fn a_solution_that_differs_where_its_equation_does_not_is_unexplained() {
     let light = |value: f64| vec![Rgb64::splat(value); 3];
-    let (equal, moved) = (Stage::default(), Stage { differing: 1, ..Stage::default() });
+    let (equal, moved) = (Compared::default(), Compared { differing: 1, ..Compared::default() });
     let found = solutions(&light(2.0), &light(1.0), [&equal, &equal]);
     assert_eq!((found.differing, found.unexplained), (3, 3));
     assert_eq!(found.largest_relative_difference, 0.5);

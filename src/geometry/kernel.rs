@@ -24,13 +24,13 @@ pub enum KernelKind {
 mod tests {
     use super::*;
     use crate::geometry::{MollerTrumbore, Plane};
-    use crate::verify::{Arithmetic, bounds::Bounds, forms::Forms, source};
+    use crate::verify::{Arithmetic, bounds::Bounds, cramer::Cramer, source};
     use glam::Vec3;
     use proptest::prelude::*;
 
     /// Panics unless the kernel's answer is the exact one within the bounds derived for it.
     fn check<K: Kernel>(arithmetic: Arithmetic, ray: &Ray, triangle: &Triangle) {
-        let bounds = Bounds::new(arithmetic, ray, triangle, &Forms::new(ray, triangle));
+        let bounds = Bounds::new(arithmetic, ray, triangle, &Cramer::new(ray, triangle));
         let answer = K::intersect(ray, triangle).map(|(t, u, v)| [t, u, v]);
         let case = || format!("{}, {}", source::ray(ray), source::triangle(triangle));
         assert!(bounds.allow(ray, answer), "{answer:?} is not {bounds:?}: {}", case());

@@ -1,14 +1,14 @@
 //! Whether one ray meets one triangle, decided exactly.
 
+use super::cramer::Cramer;
 use super::exact::{Difference, Signs, compare_distances, determinant_sign};
-use super::forms::Forms;
 use crate::geometry::{Ray, Triangle};
 use glam::Vec3;
 use std::cmp::Ordering;
 
 /// What the exact numbers say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Truth {
+pub enum Contact {
     Miss(Miss),
     /// Hit and miss are both defensible.
     Touching(Touch),
@@ -50,9 +50,9 @@ pub enum Touch {
 
 /// The truth, and the determinants that it took.
 #[derive(Debug, Clone, Copy)]
-pub struct Finding {
-    pub truth: Truth,
-    pub forms: Forms,
+pub struct Examined {
+    pub contact: Contact,
+    pub cramer: Cramer,
 }
 
 /// Where the line meets the triangle, whatever the interval.
@@ -63,33 +63,33 @@ enum Place {
 }
 
 /// The exact truth about one ray and one triangle, of any f32 numbers.
-pub fn examine(ray: &Ray, triangle: &Triangle) -> Finding {
-    let forms = Forms::new(ray, triangle);
-    Finding { truth: decide(ray, triangle, &forms), forms }
+pub fn examine(ray: &Ray, triangle: &Triangle) -> Examined {
+    let cramer = Cramer::new(ray, triangle);
+    Examined { contact: decide(ray, triangle, &cramer), cramer }
 }
 
-fn decide(ray: &Ray, triangle: &Triangle, forms: &Forms) -> Truth {
+fn decide(ray: &Ray, triangle: &Triangle, cramer: &Cramer) -> Contact {
     if !are_numbers(ray, triangle) {
-        return Truth::Miss(Miss::NotFinite);
+        return Contact::Miss(Miss::NotFinite);
     }
     let exact = Signs { ray, triangle };
-    let touch = match place(&exact, forms) {
-        Place::Beside => return Truth::Miss(Miss::Beside),
+    let touch = match place(&exact, cramer) {
+        Place::Beside => return Contact::Miss(Miss::Beside),
         Place::Touching(touch @ (Touch::Coplanar | Touch::Degenerate)) => {
-            return Truth::Touching(touch);
+            return Contact::Touching(touch);
         }
         Place::Touching(touch) => Some(touch),
         Place::Inside => None,
     };
-    let from_start = compare_t(&exact, forms, ray.t_min);
-    let from_end = compare_t(&exact, forms, ray.t_max);
+    let from_start = compare_t(&exact, cramer, ray.t_min);
+    let from_end = compare_t(&exact, cramer, ray.t_max);
     match (from_start, from_end) {
-        (Ordering::Less, _) => Truth::Miss(Miss::Before),
-        (Ordering::Equal, _) => Truth::Miss(Miss::AtStart),
-        (_, Ordering::Greater) => Truth::Miss(Miss::After),
+        (Ordering::Less, _) => Contact::Miss(Miss::Before),
+        (Ordering::Equal, _) => Contact::Miss(Miss::AtStart),
+        (_, Ordering::Greater) => Contact::Miss(Miss::After),
         (_, end) => match touch {
-            Some(touch) => Truth::Touching(touch),
-            None => Truth::Hit { at_end: end == Ordering::Equal },
+            Some(touch) => Contact::Touching(touch),
+            None => Contact::Hit { at_end: end == Ordering::Equal },
         },
     }
 }
@@ -104,8 +104,8 @@ fn are_numbers(ray: &Ray, triangle: &Triangle) -> bool {
 /// The line meets the triangle where no two of u, v and w have opposite signs.
 ///
 /// det = u + v + w, so if they have one sign and are not all zero, then det has it too.
-fn place(exact: &Signs, forms: &Forms) -> Place {
-    let known = [forms.u.sign(), forms.v.sign(), forms.w().sign()];
+fn place(exact: &Signs, cramer: &Cramer) -> Place {
+    let known = [cramer.u.sign(), cramer.v.sign(), cramer.w().sign()];
     // Most triangles are passed by so clearly that no exact sign is needed.
     if is_mixed(known.into_iter().flatten()) {
         return Place::Beside;
@@ -147,11 +147,11 @@ fn place_in_plane(exact: &Signs) -> Place {
 }
 
 /// How t compares with an end of the interval; the line is known to cross the plane.
-fn compare_t(exact: &Signs, forms: &Forms, bound: f32) -> Ordering {
+fn compare_t(exact: &Signs, cramer: &Cramer, bound: f32) -> Ordering {
     if bound.is_infinite() {
         return if bound > 0.0 { Ordering::Less } else { Ordering::Greater };
     }
-    forms
+    cramer
         .compare_t(bound as f64)
         .or_else(|| exact.t(bound))
         .expect("a line that meets a triangle outside of its plane crosses the plane")
@@ -162,16 +162,16 @@ fn compare_t(exact: &Signs, forms: &Forms, bound: f32) -> Ordering {
 /// All coordinates must be finite.
 pub fn compare(
     ray: &Ray,
-    (first, first_forms): (&Triangle, &Forms),
-    (second, second_forms): (&Triangle, &Forms),
+    (first, first_cramer): (&Triangle, &Cramer),
+    (second, second_cramer): (&Triangle, &Cramer),
 ) -> Option<Ordering> {
-    let (a, b) = (first_forms.quotient(first_forms.t), second_forms.quotient(second_forms.t));
+    let (a, b) = (first_cramer.quotient(first_cramer.t), second_cramer.quotient(second_cramer.t));
     // The difference of the two values rounds once, relative to itself.
     let difference = a.value - b.value;
     if difference.abs() * (1.0 - f64::EPSILON) > a.error + b.error {
         return difference.partial_cmp(&0.0);
     }
-    let crosses_both = first_forms.det.sign().is_some() && second_forms.det.sign().is_some();
+    let crosses_both = first_cramer.det.sign().is_some() && second_cramer.det.sign().is_some();
     if crosses_both && meets_shared_corners(ray, first, second) {
         return Some(Ordering::Equal);
     }
@@ -209,56 +209,56 @@ mod tests {
         Ray::new(Vec3::new(x, y, 2.0), Vec3::NEG_Z)
     }
 
-    fn truth(ray: &Ray, triangle: &Triangle) -> Truth {
-        examine(ray, triangle).truth
+    fn contact(ray: &Ray, triangle: &Triangle) -> Contact {
+        examine(ray, triangle).contact
     }
 
     #[test]
     fn inside_edge_vertex_and_beside_are_told_apart() {
-        assert_eq!(truth(&down(0.25, 0.25), &UNIT), Truth::Hit { at_end: false });
-        assert_eq!(truth(&down(0.5, 0.5), &UNIT), Truth::Touching(Touch::Edge));
-        assert_eq!(truth(&down(0.5, 0.0), &UNIT), Truth::Touching(Touch::Edge));
-        assert_eq!(truth(&down(0.0, 1.0), &UNIT), Truth::Touching(Touch::Vertex));
-        assert_eq!(truth(&down(0.5, 0.5f32.next_up()), &UNIT), Truth::Miss(Miss::Beside));
-        assert_eq!(truth(&down(0.5, 0.5f32.next_down()), &UNIT), Truth::Hit { at_end: false });
-        assert_eq!(truth(&down(0.5, f32::from_bits(1)), &UNIT), Truth::Hit { at_end: false });
-        assert_eq!(truth(&down(0.5, -f32::from_bits(1)), &UNIT), Truth::Miss(Miss::Beside));
+        assert_eq!(contact(&down(0.25, 0.25), &UNIT), Contact::Hit { at_end: false });
+        assert_eq!(contact(&down(0.5, 0.5), &UNIT), Contact::Touching(Touch::Edge));
+        assert_eq!(contact(&down(0.5, 0.0), &UNIT), Contact::Touching(Touch::Edge));
+        assert_eq!(contact(&down(0.0, 1.0), &UNIT), Contact::Touching(Touch::Vertex));
+        assert_eq!(contact(&down(0.5, 0.5f32.next_up()), &UNIT), Contact::Miss(Miss::Beside));
+        assert_eq!(contact(&down(0.5, 0.5f32.next_down()), &UNIT), Contact::Hit { at_end: false });
+        assert_eq!(contact(&down(0.5, f32::from_bits(1)), &UNIT), Contact::Hit { at_end: false });
+        assert_eq!(contact(&down(0.5, -f32::from_bits(1)), &UNIT), Contact::Miss(Miss::Beside));
     }
 
     #[test]
     fn the_interval_is_open_below_and_closed_above() {
         let ray = |t_min, t_max| Ray { t_min, t_max, ..down(0.25, 0.25) };
-        assert_eq!(truth(&ray(2.0, 9.0), &UNIT), Truth::Miss(Miss::AtStart));
-        assert_eq!(truth(&ray(2f32.next_up(), 9.0), &UNIT), Truth::Miss(Miss::Before));
-        assert_eq!(truth(&ray(2f32.next_down(), 9.0), &UNIT), Truth::Hit { at_end: false });
-        assert_eq!(truth(&ray(0.0, 2.0), &UNIT), Truth::Hit { at_end: true });
-        assert_eq!(truth(&ray(0.0, 2f32.next_down()), &UNIT), Truth::Miss(Miss::After));
-        assert_eq!(truth(&ray(f32::NEG_INFINITY, 2.0), &UNIT), Truth::Hit { at_end: true });
+        assert_eq!(contact(&ray(2.0, 9.0), &UNIT), Contact::Miss(Miss::AtStart));
+        assert_eq!(contact(&ray(2f32.next_up(), 9.0), &UNIT), Contact::Miss(Miss::Before));
+        assert_eq!(contact(&ray(2f32.next_down(), 9.0), &UNIT), Contact::Hit { at_end: false });
+        assert_eq!(contact(&ray(0.0, 2.0), &UNIT), Contact::Hit { at_end: true });
+        assert_eq!(contact(&ray(0.0, 2f32.next_down()), &UNIT), Contact::Miss(Miss::After));
+        assert_eq!(contact(&ray(f32::NEG_INFINITY, 2.0), &UNIT), Contact::Hit { at_end: true });
     }
 
     #[test]
     fn a_ray_in_the_plane_touches_if_it_meets_the_triangle() {
         let along = |y| Ray::new(Vec3::new(-1.0, y, 0.0), Vec3::X);
         for (y, expected) in [
-            (0.5, Truth::Touching(Touch::Coplanar)),
-            (0.0, Truth::Touching(Touch::Coplanar)),
-            (1.0, Truth::Touching(Touch::Coplanar)),
-            (1f32.next_up(), Truth::Miss(Miss::Beside)),
-            (-f32::from_bits(1), Truth::Miss(Miss::Beside)),
+            (0.5, Contact::Touching(Touch::Coplanar)),
+            (0.0, Contact::Touching(Touch::Coplanar)),
+            (1.0, Contact::Touching(Touch::Coplanar)),
+            (1f32.next_up(), Contact::Miss(Miss::Beside)),
+            (-f32::from_bits(1), Contact::Miss(Miss::Beside)),
         ] {
-            assert_eq!(truth(&along(y), &UNIT), expected, "y = {y}");
+            assert_eq!(contact(&along(y), &UNIT), expected, "y = {y}");
         }
         let above = Ray::new(Vec3::new(-1.0, 0.5, f32::from_bits(1)), Vec3::X);
-        assert_eq!(truth(&above, &UNIT), Truth::Miss(Miss::Beside));
+        assert_eq!(contact(&above, &UNIT), Contact::Miss(Miss::Beside));
     }
 
     #[test]
     fn a_triangle_without_area_is_its_own_outcome() {
         let line = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::X * 2.0);
         let point = Triangle { p: [Vec3::ZERO; 3] };
-        assert_eq!(truth(&down(0.5, 0.0), &line), Truth::Touching(Touch::Degenerate));
-        assert_eq!(truth(&down(0.5, 0.1), &line), Truth::Miss(Miss::Beside));
-        assert_eq!(truth(&down(0.0, 0.0), &point), Truth::Touching(Touch::Degenerate));
+        assert_eq!(contact(&down(0.5, 0.0), &line), Contact::Touching(Touch::Degenerate));
+        assert_eq!(contact(&down(0.5, 0.1), &line), Contact::Miss(Miss::Beside));
+        assert_eq!(contact(&down(0.0, 0.0), &point), Contact::Touching(Touch::Degenerate));
     }
 
     #[test]
@@ -271,24 +271,24 @@ mod tests {
                 let direction = Ray { direction: good.direction + poison, ..good };
                 let corner = Triangle { p: [UNIT.p[0], UNIT.p[1] + poison, UNIT.p[2]] };
                 for (ray, triangle) in [(origin, UNIT), (direction, UNIT), (good, corner)] {
-                    assert_eq!(truth(&ray, &triangle), Truth::Miss(Miss::NotFinite));
+                    assert_eq!(contact(&ray, &triangle), Contact::Miss(Miss::NotFinite));
                 }
             }
         }
         let no_end = Ray { t_max: f32::NAN, ..down(0.25, 0.25) };
-        assert_eq!(truth(&no_end, &UNIT), Truth::Miss(Miss::NotFinite));
+        assert_eq!(contact(&no_end, &UNIT), Contact::Miss(Miss::NotFinite));
         let no_direction = Ray::new(Vec3::new(0.25, 0.25, 0.0), Vec3::ZERO);
-        assert_eq!(truth(&no_direction, &UNIT), Truth::Miss(Miss::Beside));
+        assert_eq!(contact(&no_direction, &UNIT), Contact::Miss(Miss::Beside));
     }
 
     /// The same truth as in fractions, and f64 numbers that keep their promise.
-    fn check(ray: &Ray, triangle: &Triangle) -> Truth {
-        let Finding { truth, forms } = examine(ray, triangle);
-        assert_eq!(truth, rational::truth(ray, triangle), "{ray:?} {triangle:?}");
+    fn check(ray: &Ray, triangle: &Triangle) -> Contact {
+        let Examined { contact, cramer } = examine(ray, triangle);
+        assert_eq!(contact, rational::contact(ray, triangle), "{ray:?} {triangle:?}");
         if let Some(exact) = rational::meeting(ray, triangle) {
-            let numbers = [(forms.t, exact.t), (forms.u, exact.u), (forms.v, exact.v)];
+            let numbers = [(cramer.t, exact.t), (cramer.u, exact.u), (cramer.v, exact.v)];
             for (numerator, exact) in numbers {
-                let estimate = forms.quotient(numerator);
+                let estimate = cramer.quotient(numerator);
                 // Half of a f64's last place comes from printing the fraction as f64.
                 let exact = exact.to_f64().unwrap();
                 let room = estimate.error + f64::EPSILON * exact.abs();
@@ -296,12 +296,12 @@ mod tests {
                 assert!(room.is_infinite() || off <= room, "{exact}: {ray:?} {triangle:?}");
             }
         }
-        truth
+        contact
     }
 
     fn check_order(ray: &Ray, a: &Triangle, b: &Triangle) -> Option<Ordering> {
-        let (forms_a, forms_b) = (Forms::new(ray, a), Forms::new(ray, b));
-        let order = compare(ray, (a, &forms_a), (b, &forms_b));
+        let (cramer_a, cramer_b) = (Cramer::new(ray, a), Cramer::new(ray, b));
+        let order = compare(ray, (a, &cramer_a), (b, &cramer_b));
         let exact = rational::meeting(ray, a).zip(rational::meeting(ray, b));
         assert_eq!(order, exact.map(|(a, b)| a.t.cmp(&b.t)), "{ray:?} {a:?} {b:?}");
         order
@@ -356,16 +356,16 @@ mod tests {
             *seen.entry(check(&ray, &triangle)).or_insert(0) += 1;
         }
         for outcome in [
-            Truth::Miss(Miss::Beside),
-            Truth::Miss(Miss::Before),
-            Truth::Miss(Miss::AtStart),
-            Truth::Miss(Miss::After),
-            Truth::Touching(Touch::Edge),
-            Truth::Touching(Touch::Vertex),
-            Truth::Touching(Touch::Coplanar),
-            Truth::Touching(Touch::Degenerate),
-            Truth::Hit { at_end: false },
-            Truth::Hit { at_end: true },
+            Contact::Miss(Miss::Beside),
+            Contact::Miss(Miss::Before),
+            Contact::Miss(Miss::AtStart),
+            Contact::Miss(Miss::After),
+            Contact::Touching(Touch::Edge),
+            Contact::Touching(Touch::Vertex),
+            Contact::Touching(Touch::Coplanar),
+            Contact::Touching(Touch::Degenerate),
+            Contact::Hit { at_end: false },
+            Contact::Hit { at_end: true },
         ] {
             assert!(seen.get(&outcome).is_some_and(|&n| n >= 10), "{outcome:?} of {seen:?}");
         }

@@ -17,7 +17,7 @@ use crate::geometry::{Ray, Triangle};
 use glam::DVec3;
 use std::cmp::Ordering;
 
-/// How far a [`Sum`] may lie from its exact value, per unit of `abs`.
+/// How far a [`ProductSum`] may lie from its exact value, per unit of `abs`.
 ///
 /// γ₈ of the six products, 2 more roundings for w = det − u − v, and γ₈ once more for those of
 /// `abs` itself would be below 11 ε; ε = 2⁻⁵³.
@@ -25,12 +25,12 @@ const ROUNDING: f64 = 12.0 * f64::EPSILON / 2.0;
 
 /// A sum of products: its value, and the sum of the products' absolute values.
 #[derive(Debug, Clone, Copy)]
-pub struct Sum {
+pub struct ProductSum {
     pub value: f64,
     pub abs: f64,
 }
 
-impl Sum {
+impl ProductSum {
     /// The exact value's sign, where rounding leaves no doubt.
     #[inline]
     pub fn sign(self) -> Option<Ordering> {
@@ -40,27 +40,27 @@ impl Sum {
 
 /// The determinants and what they are made of.
 #[derive(Debug, Clone, Copy)]
-pub struct Forms {
+pub struct Cramer {
     pub d: DVec3,
     pub s: DVec3,
     pub e1: DVec3,
     pub e2: DVec3,
-    pub det: Sum,
+    pub det: ProductSum,
     /// Numerators over `det`.
-    pub t: Sum,
-    pub u: Sum,
-    pub v: Sum,
+    pub t: ProductSum,
+    pub u: ProductSum,
+    pub v: ProductSum,
 }
 
 /// A number and how far the exact one may lie from it.
 #[derive(Debug, Clone, Copy)]
-pub struct Estimate {
+pub struct Quotient {
     pub value: f64,
     /// Infinite where the sign of `det` is in doubt.
     pub error: f64,
 }
 
-impl Forms {
+impl Cramer {
     #[inline]
     pub fn new(ray: &Ray, triangle: &Triangle) -> Self {
         let [p0, p1, p2] = triangle.p.map(|p| p.as_dvec3());
@@ -68,11 +68,11 @@ impl Forms {
         let (e1, e2, s) = (p1 - p0, p2 - p0, o - p0);
         let (d_e2, s_e1) = (d.cross(e2), s.cross(e1));
         let (abs_d_e2, abs_s_e1) = (abs_cross(d, e2), abs_cross(s, e1));
-        let sum = |cross: DVec3, abs: DVec3, with: DVec3| Sum {
+        let sum = |cross: DVec3, abs: DVec3, with: DVec3| ProductSum {
             value: cross.dot(with),
             abs: abs.dot(with.abs()),
         };
-        Forms {
+        Cramer {
             d,
             s,
             e1,
@@ -86,8 +86,8 @@ impl Forms {
 
     /// The third barycentric's numerator, det − u − v.
     #[inline]
-    pub fn w(&self) -> Sum {
-        Sum {
+    pub fn w(&self) -> ProductSum {
+        ProductSum {
             value: self.det.value - self.u.value - self.v.value,
             abs: self.det.abs + self.u.abs + self.v.abs,
         }
@@ -97,14 +97,14 @@ impl Forms {
     ///
     /// With both errors δ, |n̂/D̂ − n/D| ≤ (δₙ + |n̂/D̂| δ_D) / (|D̂| − δ_D); the division rounds once.
     #[inline]
-    pub fn quotient(&self, numerator: Sum) -> Estimate {
+    pub fn quotient(&self, numerator: ProductSum) -> Quotient {
         let value = numerator.value / self.det.value;
         let room = self.det.value.abs() - ROUNDING * self.det.abs;
         if room.is_nan() || room <= 0.0 {
-            return Estimate { value, error: f64::INFINITY };
+            return Quotient { value, error: f64::INFINITY };
         }
         let error = ROUNDING * (numerator.abs + value.abs() * self.det.abs) / room;
-        Estimate { value, error: error + f64::EPSILON * (error + value.abs()) }
+        Quotient { value, error: error + f64::EPSILON * (error + value.abs()) }
     }
 
     /// How t compares with `bound`, where rounding leaves no doubt.
@@ -112,7 +112,7 @@ impl Forms {
     pub fn compare_t(&self, bound: f64) -> Option<Ordering> {
         // The sign of t − bound is that of (t's numerator − bound·det) times that of det; the
         // product and the difference round once more each, which ROUNDING still has room for.
-        let difference = Sum {
+        let difference = ProductSum {
             value: self.t.value - bound * self.det.value,
             abs: self.t.abs + bound.abs() * self.det.abs,
         };

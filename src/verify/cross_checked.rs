@@ -1,7 +1,7 @@
 //! Two ray tracers asked at once.
 
 use super::tally::Tally;
-use super::verdict::{Judge, Judgement, Standing};
+use super::verdict::{Grade, Judge, Judgement};
 use crate::geometry::{Hit, Ray, RayCaster};
 use std::sync::Mutex;
 
@@ -99,8 +99,8 @@ impl Record {
     }
 
     fn keep(&mut self, judgement: &Judgement, words: impl Fn() -> String) {
-        let ours = judgement.native == Standing::Wrong
-            || self.both_ours && judgement.other == Standing::Wrong;
+        let ours =
+            judgement.native == Grade::Wrong || self.both_ours && judgement.other == Grade::Wrong;
         if ours && self.failures.len() < FAILURES_KEPT {
             self.failures.push(words());
         }
@@ -110,7 +110,7 @@ impl Record {
     pub fn blamed(&self) -> Tally {
         let mut tally = self.tally;
         if self.both_ours {
-            tally.native_wrong += std::mem::take(&mut tally.embree_wrong);
+            tally.native_wrong += std::mem::take(&mut tally.peer_wrong);
         }
         tally
     }
@@ -208,7 +208,7 @@ mod tests {
         checked.nearest_batch(&[ray, ray], &mut hits);
         checked.occluded_batch(&[ray], &mut blocked);
         assert!(hits.iter().all(Option::is_some) && blocked == [true]);
-        assert_eq!((checked.record().tally.embree_wrong, checked.record().tally.queries), (3, 3));
+        assert_eq!((checked.record().tally.peer_wrong, checked.record().tally.queries), (3, 3));
         assert!(checked.record().failures.is_empty());
 
         let checked = CrossChecked::new(Blind, good(), judge());

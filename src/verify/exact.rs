@@ -63,7 +63,7 @@ pub fn determinant_sign(rows: [Difference; 3]) -> Ordering {
 }
 
 fn determinant_sign_in_integers(rows: [Difference; 3]) -> Ordering {
-    let grid = Grid::of(rows.iter().flat_map(|row| [row.p, row.q]));
+    let grid = BinaryGrid::of(rows.iter().flat_map(|row| [row.p, row.q]));
     sign(&determinant(&rows.map(|row| grid.difference(row))))
 }
 
@@ -72,7 +72,7 @@ fn determinant_sign_in_integers(rows: [Difference; 3]) -> Ordering {
 /// `None` if the line is parallel to one of the planes. All coordinates must be finite.
 pub fn compare_distances(ray: &Ray, first: &Triangle, second: &Triangle) -> Option<Ordering> {
     let points = [ray.origin, ray.direction].into_iter();
-    let grid = Grid::of(points.chain(first.p).chain(second.p));
+    let grid = BinaryGrid::of(points.chain(first.p).chain(second.p));
     let (n1, d1) = distance(grid, ray, first)?;
     let (n2, d2) = distance(grid, ray, second)?;
     Some((n1 * d2).cmp(&(n2 * d1)))
@@ -83,7 +83,7 @@ pub fn compare_distances(ray: &Ray, first: &Triangle, second: &Triangle) -> Opti
 /// `None` if the line is parallel to the plane. All coordinates must be finite, and `bound` may be
 /// infinite, but not NaN.
 pub fn compare_distance_with(ray: &Ray, triangle: &Triangle, bound: f32) -> Option<Ordering> {
-    let grid = Grid::of([ray.origin, ray.direction].into_iter().chain(triangle.p));
+    let grid = BinaryGrid::of([ray.origin, ray.direction].into_iter().chain(triangle.p));
     let (n, d) = distance(grid, ray, triangle)?;
     if bound.is_infinite() {
         return Some(if bound > 0.0 { Ordering::Less } else { Ordering::Greater });
@@ -98,7 +98,7 @@ pub fn compare_distance_with(ray: &Ray, triangle: &Triangle, bound: f32) -> Opti
 }
 
 /// t as a fraction with a positive denominator.
-fn distance(grid: Grid, ray: &Ray, triangle: &Triangle) -> Option<(IBig, IBig)> {
+fn distance(grid: BinaryGrid, ray: &Ray, triangle: &Triangle) -> Option<(IBig, IBig)> {
     let [p0, p1, p2] = triangle.p;
     let [e1, e2] = [p1, p2].map(|p| grid.difference(Difference::new(p, p0)));
     let s = grid.difference(Difference::new(ray.origin, p0));
@@ -115,15 +115,15 @@ fn distance(grid: Grid, ray: &Ray, triangle: &Triangle) -> Option<(IBig, IBig)> 
 
 /// All multiples of 2^`exponent`.
 #[derive(Debug, Clone, Copy)]
-struct Grid {
+struct BinaryGrid {
     exponent: i32,
 }
 
-impl Grid {
+impl BinaryGrid {
     /// The coarsest grid on which all the coordinates lie.
     fn of(points: impl Iterator<Item = Vec3>) -> Self {
         let coordinates = points.flat_map(|p| p.to_array()).filter(|&x| x != 0.0);
-        Grid { exponent: coordinates.map(|x| decode(x).1).min().unwrap_or(0) }
+        BinaryGrid { exponent: coordinates.map(|x| decode(x).1).min().unwrap_or(0) }
     }
 
     /// The difference in units of the grid.
@@ -166,7 +166,7 @@ fn sign(x: &IBig) -> Ordering {
 
 /// The numerators' and the denominator's signs for a ray and a triangle.
 ///
-/// The rows follow from [`forms`](super::forms): (a × b)·c = det[a, b, c].
+/// The rows follow from [`cramer`](super::cramer): (a × b)·c = det[a, b, c].
 pub struct Signs<'a> {
     pub ray: &'a Ray,
     pub triangle: &'a Triangle,

@@ -4,8 +4,8 @@
 //! one from outside an even number of times. So the exact count along one ray proves that all rays from
 //! the same point must hit something.
 
+use super::contact::Contact;
 use super::referee::Referee;
-use super::truth::Truth;
 use crate::geometry::{Ray, Triangle, TriangleId};
 use crate::sampling::{PointSet, Purpose, Stream};
 use glam::Vec3;
@@ -75,7 +75,7 @@ fn is_inside(referee: &Referee, point: Vec3, stream: &Stream) -> bool {
 /// How many triangles the ray goes through; `None` if it touches one, which leaves the count open.
 fn crossings(referee: &Referee, ray: &Ray) -> Option<usize> {
     let met = referee.met(ray);
-    met.iter().all(|met| matches!(met.truth, Truth::Hit { .. })).then_some(met.len())
+    met.iter().all(|met| matches!(met.contact, Contact::Hit { .. })).then_some(met.len())
 }
 
 #[cfg(test)]

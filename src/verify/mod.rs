@@ -4,20 +4,20 @@
 //!
 //! | file | holds |
 //! | --- | --- |
-//! | [`forms`] | Cramer's determinants for one ray and one triangle in f64, with their rounding |
+//! | [`cramer`] | Cramer's determinants for one ray and one triangle in f64, with their rounding |
 //! | [`exact`] | the same determinants' signs, and comparisons of distances, without any rounding |
-//! | [`truth`] | whether one ray meets one triangle: miss, touch or hit, decided exactly |
+//! | [`contact`] | whether one ray meets one triangle: miss, touch or hit, decided exactly |
 //! | [`bounds`] | how far each f32 kernel, ours or Embree's, may stray from that truth |
 //! | [`referee`] | the truth about one ray and all triangles |
 //! | [`verdict`] | two answers and the truth: agree, tie, touching, precision, or who is wrong |
 //! | [`tally`] | verdicts, counted |
 //! | [`cross_checked`] | two casters asked at once, in the place of one |
-//! | [`rays`] | rays to ask about, ordinary and nasty |
+//! | [`rays`] | rays to ask about, ordinary and adversarial |
 //! | [`survey`] | every kind of ray through every pair of casters |
 //! | [`interior`] | points inside of closed meshes of any shape |
 //! | [`leaks`] | how often a closed mesh lets a ray out |
 //! | [`grid`] | scenes of small integers, on which every bit is demanded |
-//! | [`unruly`] | a mesh of slivers, duplicates, overlaps and the like |
+//! | [`stress_mesh`] | a mesh of slivers, duplicates, overlaps and the like |
 //! | [`source`] | rays, triangles and answers as Rust source, bit for bit, to paste into a test |
 //!
 //! The checks prove themselves at every run of the tests: over twenty deliberate faults, in the data of
@@ -28,19 +28,19 @@
 //! may be forgiven is derived, rounding by rounding, in [`bounds`].
 
 pub mod bounds;
+pub mod contact;
+pub mod cramer;
 pub mod cross_checked;
 pub mod exact;
-pub mod forms;
 pub mod grid;
 pub mod interior;
 pub mod leaks;
 pub mod rays;
 pub mod referee;
 pub mod source;
+pub mod stress_mesh;
 pub mod survey;
 pub mod tally;
-pub mod truth;
-pub mod unruly;
 pub mod verdict;
 
 #[cfg(test)]
@@ -49,6 +49,6 @@ mod mutants;
 mod rational;
 
 pub use bounds::Arithmetic;
+pub use contact::Contact;
 pub use referee::Referee;
-pub use truth::Truth;
-pub use verdict::{Judge, Judgement, Standing, Verdict};
+pub use verdict::{Grade, Judge, Judgement, Verdict};

@@ -3,7 +3,7 @@
 use super::Arithmetic;
 use super::grid::Grid;
 use super::leaks::leaks;
-use super::rays::{Kind, RaySource};
+use super::rays::{RayKind, RaySource};
 use super::survey::{Peer, survey};
 use crate::bvh::mutants::{CONTROL, MUTANTS, Mutant};
 use crate::geometry::{BruteForce, MollerTrumbore, Triangle};
@@ -55,7 +55,7 @@ fn surveyed(mutant: &Mutant) -> Option<String> {
     let finding = survey(&scene.triangles, &*native, &peers, &source, RAYS / 2, &()).remove(0);
     let wrong = finding.total().failures();
     assert_eq!(wrong > 0, finding.failures.iter().any(|source| source.contains("from_bits")));
-    let kinds: Vec<String> = Kind::ALL
+    let kinds: Vec<String> = RayKind::ALL
         .iter()
         .map(|&kind| (kind, finding.by_kind[kind as usize].failures()))
         .filter(|(_, wrong)| *wrong > 0)

@@ -3,7 +3,7 @@
 //! Gauss's elimination instead of Cramer's rule, clipping of the line instead of signs of areas, and
 //! another library's numbers.
 
-use super::truth::{Miss, Touch, Truth};
+use super::contact::{Contact, Miss, Touch};
 use crate::geometry::{Ray, Triangle};
 use glam::Vec3;
 use num_rational::BigRational;
@@ -72,24 +72,24 @@ fn rank(vectors: &[&Vector]) -> usize {
     eliminate(&mut rows, 3)
 }
 
-/// What [`examine`](super::truth::examine) must say. All numbers but `t_max` must be finite.
-pub fn truth(ray: &Ray, triangle: &Triangle) -> Truth {
+/// What [`examine`](super::contact::examine) must say. All numbers but `t_max` must be finite.
+pub fn contact(ray: &Ray, triangle: &Triangle) -> Contact {
     let Some(Meeting { t, u, v }) = meeting(ray, triangle) else { return parallel(ray, triangle) };
     let barycentrics = [BigRational::one() - &u - &v, u, v];
     if barycentrics.iter().any(|x| *x < BigRational::zero()) {
-        return Truth::Miss(Miss::Beside);
+        return Contact::Miss(Miss::Beside);
     }
     match compare(&t, ray.t_min) {
-        Ordering::Less => return Truth::Miss(Miss::Before),
-        Ordering::Equal => return Truth::Miss(Miss::AtStart),
+        Ordering::Less => return Contact::Miss(Miss::Before),
+        Ordering::Equal => return Contact::Miss(Miss::AtStart),
         Ordering::Greater => {}
     }
     let end = compare(&t, ray.t_max);
     match (end, barycentrics.iter().filter(|x| x.is_zero()).count()) {
-        (Ordering::Greater, _) => Truth::Miss(Miss::After),
-        (_, 0) => Truth::Hit { at_end: end.is_eq() },
-        (_, 1) => Truth::Touching(Touch::Edge),
-        _ => Truth::Touching(Touch::Vertex),
+        (Ordering::Greater, _) => Contact::Miss(Miss::After),
+        (_, 0) => Contact::Hit { at_end: end.is_eq() },
+        (_, 1) => Contact::Touching(Touch::Edge),
+        _ => Contact::Touching(Touch::Vertex),
     }
 }
 
@@ -101,15 +101,15 @@ pub fn compare(t: &BigRational, bound: f32) -> Ordering {
     }
 }
 
-fn parallel(ray: &Ray, triangle: &Triangle) -> Truth {
+fn parallel(ray: &Ray, triangle: &Triangle) -> Contact {
     let [p0, p1, p2] = triangle.p.map(vector);
     let (d, o) = (vector(ray.direction), vector(ray.origin));
     let (e1, e2, s) = (minus(&p1, &p0), minus(&p2, &p0), minus(&o, &p0));
     if rank(&[&d]) == 0 || rank(&[&d, &e1, &e2, &s]) == 3 {
-        return Truth::Miss(Miss::Beside);
+        return Contact::Miss(Miss::Beside);
     }
     if rank(&[&e1, &e2]) < 2 {
-        return Truth::Touching(Touch::Degenerate);
+        return Contact::Touching(Touch::Degenerate);
     }
     // In the plane: s = a·e₁ + b·e₂ and d = c·e₁ + f·e₂; the normal completes the three columns.
     let normal = [(1, 2), (2, 0), (0, 1)].map(|(i, j)| &e1[i] * &e2[j] - &e1[j] * &e2[i]);
@@ -117,7 +117,7 @@ fn parallel(ray: &Ray, triangle: &Triangle) -> Truth {
     let [a, b, _] = solve(&columns, &s).expect("a triangle with area spans its plane");
     let [c, f, _] = solve(&columns, &d).expect("a triangle with area spans its plane");
     let halves = [(BigRational::one() - &a - &b, -(&c + &f)), (a, c), (b, f)];
-    if clip(&halves) { Truth::Touching(Touch::Coplanar) } else { Truth::Miss(Miss::Beside) }
+    if clip(&halves) { Contact::Touching(Touch::Coplanar) } else { Contact::Miss(Miss::Beside) }
 }
 
 /// Whether some t satisfies start + t·slope ≥ 0 for all (start, slope).

@@ -1,6 +1,6 @@
-//! Rays, ordinary and nasty, as a function of (seed, kind, index).
+//! Rays, ordinary and adversarial, as a function of (seed, kind, index).
 //!
-//! Ordinary rays are those that rendering casts. Nasty ones aim at what goes wrong in ray tracers:
+//! Ordinary rays are those that rendering casts. Adversarial ones aim at what goes wrong in ray tracers:
 //! edges and vertices, planes seen edge-on, zeros and denormals in the direction, origins on surfaces
 //! or far away, intervals that end exactly at a hit, and numbers that are none.
 
@@ -12,7 +12,7 @@ use glam::Vec3;
 
 /// What a ray is meant to try.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Kind {
+pub enum RayKind {
     /// Cosine-distributed from uniform points of the surfaces, lifted as form factors lift them.
     Surface,
     Camera,
@@ -40,46 +40,46 @@ pub enum Kind {
     Broken,
 }
 
-impl Kind {
-    pub const ALL: [Kind; 13] = [
-        Kind::Surface,
-        Kind::Camera,
-        Kind::Segment,
-        Kind::Vertex,
-        Kind::Edge,
-        Kind::AlongEdge,
-        Kind::Grazing,
-        Kind::Axis,
-        Kind::Denormal,
-        Kind::OnSurface,
-        Kind::Far,
-        Kind::IntervalEnd,
-        Kind::Broken,
+impl RayKind {
+    pub const ALL: [RayKind; 13] = [
+        RayKind::Surface,
+        RayKind::Camera,
+        RayKind::Segment,
+        RayKind::Vertex,
+        RayKind::Edge,
+        RayKind::AlongEdge,
+        RayKind::Grazing,
+        RayKind::Axis,
+        RayKind::Denormal,
+        RayKind::OnSurface,
+        RayKind::Far,
+        RayKind::IntervalEnd,
+        RayKind::Broken,
     ];
 
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Surface => "surface",
-            Kind::Camera => "camera",
-            Kind::Segment => "segment",
-            Kind::Vertex => "vertex",
-            Kind::Edge => "edge",
-            Kind::AlongEdge => "along-edge",
-            Kind::Grazing => "grazing",
-            Kind::Axis => "axis",
-            Kind::Denormal => "denormal",
-            Kind::OnSurface => "on-surface",
-            Kind::Far => "far",
-            Kind::IntervalEnd => "interval-end",
-            Kind::Broken => "broken",
+            RayKind::Surface => "surface",
+            RayKind::Camera => "camera",
+            RayKind::Segment => "segment",
+            RayKind::Vertex => "vertex",
+            RayKind::Edge => "edge",
+            RayKind::AlongEdge => "along-edge",
+            RayKind::Grazing => "grazing",
+            RayKind::Axis => "axis",
+            RayKind::Denormal => "denormal",
+            RayKind::OnSurface => "on-surface",
+            RayKind::Far => "far",
+            RayKind::IntervalEnd => "interval-end",
+            RayKind::Broken => "broken",
         }
     }
 
     /// Share of the rays, in parts: half of them are the ordinary ones.
     pub fn parts(self) -> u64 {
         match self {
-            Kind::Surface | Kind::Segment => 4,
-            Kind::Camera => 2,
+            RayKind::Surface | RayKind::Segment => 4,
+            RayKind::Camera => 2,
             _ => 1,
         }
     }
@@ -104,42 +104,42 @@ impl<'s> RaySource<'s> {
     }
 
     /// The ray number `index` of a kind.
-    pub fn ray(&self, kind: Kind, index: u64) -> Ray {
+    pub fn ray(&self, kind: RayKind, index: u64) -> Ray {
         let number = (kind as u64) << 48 | index;
         let stream = Stream::new(self.seed, Purpose::Verify, number, PointSet::Random);
         let (a, b, c) = (stream.point(0), stream.point(1), stream.point(2));
         match kind {
-            Kind::Surface => self.leaving_surface(a, b),
-            Kind::Camera => self.camera.ray(a[0], a[1], 1.0),
-            Kind::Segment => Ray::segment(self.lifted(a), self.lifted(b)),
-            Kind::Vertex => self.towards(a, b, self.corner(c)),
-            Kind::Edge => {
+            RayKind::Surface => self.leaving_surface(a, b),
+            RayKind::Camera => self.camera.ray(a[0], a[1], 1.0),
+            RayKind::Segment => Ray::segment(self.lifted(a), self.lifted(b)),
+            RayKind::Vertex => self.towards(a, b, self.corner(c)),
+            RayKind::Edge => {
                 let [p, q] = self.edge(c);
                 self.towards(a, b, 0.5 * p + 0.5 * q)
             }
-            Kind::AlongEdge => {
+            RayKind::AlongEdge => {
                 let [p, q] = self.edge(a);
                 Ray::new(p - (q - p) * (b[0] * 4.0 - 1.0), q - p)
             }
-            Kind::Grazing => self.grazing(a, b),
-            Kind::Axis => self.along_axis(a, b),
-            Kind::Denormal => {
+            RayKind::Grazing => self.grazing(a, b),
+            RayKind::Axis => self.along_axis(a, b),
+            RayKind::Denormal => {
                 let ray = self.leaving_surface(a, b);
                 Ray { direction: ray.direction * 1e-40, ..ray }
             }
-            Kind::OnSurface => {
+            RayKind::OnSurface => {
                 let (triangle, u, v) = self.point(a);
                 let normal = triangle.normal() * if c[0] < 0.5 { 1.0 } else { -1.0 };
                 Ray::new(triangle.at(u, v), cosine_hemisphere(normal, b[0], b[1]))
             }
-            Kind::Far => {
+            RayKind::Far => {
                 let (triangle, u, v) = self.point(a);
                 let away = Vec3::new(b[0] - 0.5, b[1] - 0.5, b[2] - 0.5).normalize_or(Vec3::X);
                 let origin = self.center + away * (self.size * 1e6);
                 Ray::new(origin, triangle.at(u, v) - origin)
             }
-            Kind::IntervalEnd => self.interval_end(a, b, c),
-            Kind::Broken => self.broken(a, b, c),
+            RayKind::IntervalEnd => self.interval_end(a, b, c),
+            RayKind::Broken => self.broken(a, b, c),
         }
     }
 
@@ -250,7 +250,7 @@ mod tests {
     fn a_ray_depends_on_seed_kind_and_index_alone() {
         let (scene, camera) = (scene(), camera());
         let source = |seed| RaySource::new(&scene, &camera, seed);
-        for kind in Kind::ALL {
+        for kind in RayKind::ALL {
             let bits = |ray: Ray| format!("{ray:?}");
             assert_eq!(bits(source(1).ray(kind, 5)), bits(source(1).ray(kind, 5)));
             assert_ne!(bits(source(1).ray(kind, 5)), bits(source(1).ray(kind, 6)), "{kind:?}");
@@ -263,13 +263,13 @@ mod tests {
         let (scene, camera) = (scene(), camera());
         let source = RaySource::new(&scene, &camera, 1);
         let caster = BruteForce::<MollerTrumbore>::new(&scene.triangles);
-        for kind in Kind::ALL {
+        for kind in RayKind::ALL {
             let hits =
                 (0..1000).filter(|&i| caster.nearest(&source.ray(kind, i)).is_some()).count();
             match kind {
-                Kind::Broken => assert_eq!(hits, 0),
+                RayKind::Broken => assert_eq!(hits, 0),
                 // Grazing its own plane, a convex body hits nothing else.
-                Kind::Surface | Kind::Denormal | Kind::Segment | Kind::Grazing => {}
+                RayKind::Surface | RayKind::Denormal | RayKind::Segment | RayKind::Grazing => {}
                 _ => assert!(hits > 20, "{kind:?}: {hits} of 1000"),
             }
         }

@@ -5,14 +5,14 @@
 //! renderer's hierarchy could be: triangles in Morton order, a box for every 8 of them, a box for
 //! every 8 boxes, and so on.
 
-use super::forms::Forms;
-use super::truth::{Finding, Truth, compare, examine};
+use super::contact::{Contact, Examined, compare, examine};
+use super::cramer::Cramer;
 use crate::geometry::{Ray, Triangle, TriangleId};
 use glam::{DVec3, Vec3};
 use std::cmp::Ordering;
 
 /// Triangles, or boxes, that share a box.
-const RUN: usize = 8;
+const FANOUT: usize = 8;
 
 /// Of a box test in f64: a coordinate is off by 3 roundings at most; this is 2¹² times that.
 const EXACT_SLACK: f64 = f64::EPSILON * 4096.0;
@@ -24,8 +24,8 @@ const PAD: f64 = f32::from_bits(1) as f64 / 4096.0;
 #[derive(Debug, Clone, Copy)]
 pub struct Met {
     pub triangle: TriangleId,
-    pub truth: Truth,
-    pub forms: Forms,
+    pub contact: Contact,
+    pub cramer: Cramer,
 }
 
 /// All triangles of a scene, to be asked one exact question at a time.
@@ -44,9 +44,10 @@ impl<'t> Referee<'t> {
         let enclose = |run: &[TriangleId]| {
             Extent::around(run.iter().map(|id| Extent::of(&triangles[id.index()])))
         };
-        let mut levels: Vec<Vec<Extent>> = vec![order.chunks(RUN).map(enclose).collect()];
+        let mut levels: Vec<Vec<Extent>> = vec![order.chunks(FANOUT).map(enclose).collect()];
         while let Some(below) = levels.last().filter(|level| level.len() > 1) {
-            let above = below.chunks(RUN).map(|run| Extent::around(run.iter().copied())).collect();
+            let above =
+                below.chunks(FANOUT).map(|run| Extent::around(run.iter().copied())).collect();
             levels.push(above);
         }
         Referee { triangles, order, levels }
@@ -61,7 +62,7 @@ impl<'t> Referee<'t> {
     }
 
     /// The exact truth about one triangle.
-    pub fn examine(&self, ray: &Ray, id: TriangleId) -> Finding {
+    pub fn examine(&self, ray: &Ray, id: TriangleId) -> Examined {
         examine(ray, self.triangle(id))
     }
 
@@ -70,9 +71,9 @@ impl<'t> Referee<'t> {
     pub fn met(&self, ray: &Ray) -> Vec<Met> {
         let mut met = Vec::new();
         for id in self.near(ray, EXACT_SLACK) {
-            let Finding { truth, forms } = self.examine(ray, id);
-            if !matches!(truth, Truth::Miss(_)) {
-                met.push(Met { triangle: id, truth, forms });
+            let Examined { contact, cramer } = self.examine(ray, id);
+            if !matches!(contact, Contact::Miss(_)) {
+                met.push(Met { triangle: id, contact, cramer });
             }
         }
         met.sort_by_key(|met| met.triangle);
@@ -81,7 +82,8 @@ impl<'t> Referee<'t> {
 
     /// The nearest of the triangles that are hit, not only touched; of several the first.
     pub fn nearest(&self, ray: &Ray) -> Option<Met> {
-        let hits = self.met(ray).into_iter().filter(|met| matches!(met.truth, Truth::Hit { .. }));
+        let hits =
+            self.met(ray).into_iter().filter(|met| matches!(met.contact, Contact::Hit { .. }));
         hits.reduce(|nearest, met| match self.compare(ray, &met, &nearest) {
             Some(Ordering::Less) => met,
             _ => nearest,
@@ -91,7 +93,7 @@ impl<'t> Referee<'t> {
     /// Which of two triangles the ray meets first, exactly; `None` if it is parallel to one.
     pub fn compare(&self, ray: &Ray, first: &Met, second: &Met) -> Option<Ordering> {
         let (a, b) = (self.triangle(first.triangle), self.triangle(second.triangle));
-        compare(ray, (a, &first.forms), (b, &second.forms))
+        compare(ray, (a, &first.cramer), (b, &second.cramer))
     }
 
     /// The triangles whose box, grown by `slack` times its coordinates and the origin's, the ray
@@ -113,7 +115,7 @@ impl<'t> Referee<'t> {
         found: &mut Vec<TriangleId>,
     ) {
         for index in boxes.filter(|&index| slabs.meet(&self.levels[level][index])) {
-            let below = index * RUN..(index + 1) * RUN;
+            let below = index * FANOUT..(index + 1) * FANOUT;
             if level > 0 {
                 let below = below.start..below.end.min(self.levels[level - 1].len());
                 self.gather(slabs, level - 1, below, found);
@@ -208,7 +210,7 @@ impl Slabs {
 mod tests {
     use super::*;
     use crate::sampling::{PointSet, Purpose, Stream};
-    use crate::verify::truth::Touch;
+    use crate::verify::contact::Touch;
 
     /// Ordinary triangles, flat ones in the coordinate planes, and broken ones.
     fn scene() -> Vec<Triangle> {
@@ -247,10 +249,10 @@ mod tests {
             let ray = Ray { t_max: end, ..Ray::new(origin, direction) };
             let met: Vec<_> = referee.met(&ray).iter().map(|met| met.triangle).collect();
             for id in (0..500).map(TriangleId) {
-                let must = match referee.examine(&ray, id).truth {
-                    Truth::Miss(_) => false,
-                    Truth::Touching(Touch::Coplanar | Touch::Degenerate) => continue,
-                    Truth::Touching(_) | Truth::Hit { .. } => true,
+                let must = match referee.examine(&ray, id).contact {
+                    Contact::Miss(_) => false,
+                    Contact::Touching(Touch::Coplanar | Touch::Degenerate) => continue,
+                    Contact::Touching(_) | Contact::Hit { .. } => true,
                 };
                 assert_eq!(met.contains(&id), must, "{id:?}, {ray:?}");
             }

@@ -10,10 +10,10 @@ use glam::Vec3;
 const TRIANGLES: u32 = 320;
 
 /// The mesh of a seed, with a camera that looks at it.
-pub fn unruly_scene(seed: u64) -> (Scene, Camera) {
+pub fn stress_scene(seed: u64) -> (Scene, Camera) {
     let mut triangles: Vec<Triangle> = Vec::new();
     for index in 0..TRIANGLES {
-        triangles.push(unruly_triangle(seed, index, &triangles));
+        triangles.push(stress_triangle(seed, index, &triangles));
     }
     let camera = Camera::fitted(&triangles, &BruteForce::<MollerTrumbore>::new(&triangles));
     let material_of = vec![MaterialId(0); triangles.len()];
@@ -23,7 +23,7 @@ pub fn unruly_scene(seed: u64) -> (Scene, Camera) {
 }
 
 /// Around the origin, within ±1 but for the huge ones.
-fn unruly_triangle(seed: u64, index: u32, before: &[Triangle]) -> Triangle {
+fn stress_triangle(seed: u64, index: u32, before: &[Triangle]) -> Triangle {
     let number = 1 << 58 | index as u64;
     let stream = Stream::new(seed, Purpose::Verify, number, PointSet::Random);
     let vector = |i| Vec3::from_slice(&stream.point(i)[..3]) * 2.0 - 1.0;
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn the_mesh_has_everything_that_it_is_for() {
-        let (scene, _) = unruly_scene(1);
+        let (scene, _) = stress_scene(1);
         let (triangles, topology) = (&scene.triangles, Topology::new(&scene.triangles));
         let count =
             |is_so: &dyn Fn(&Triangle) -> bool| triangles.iter().filter(|t| is_so(t)).count();
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn a_seed_gives_one_mesh() {
-        let bits = |seed| format!("{:?}", unruly_scene(seed).0.triangles);
+        let bits = |seed| format!("{:?}", stress_scene(seed).0.triangles);
         assert_eq!(bits(1), bits(1));
         assert_ne!(bits(1), bits(2));
     }

@@ -2,7 +2,7 @@
 
 use super::bounds::Arithmetic;
 use super::cross_checked::Record;
-use super::rays::{Kind, RaySource};
+use super::rays::{RayKind, RaySource};
 use super::tally::Tally;
 use super::verdict::Judge;
 use crate::geometry::{Hit, Ray, RayCaster, Triangle};
@@ -24,7 +24,7 @@ pub struct Peer<'a> {
 #[derive(Debug, Clone)]
 pub struct Finding {
     pub peer: &'static str,
-    /// One per kind, in the order of [`Kind::ALL`]; nearest-hit and any-hit queries together.
+    /// One per kind, in the order of [`RayKind::ALL`]; nearest-hit and any-hit queries together.
     pub by_kind: Vec<Tally>,
     pub failures: Vec<String>,
 }
@@ -77,7 +77,7 @@ pub fn survey<'t>(
         .iter()
         .enumerate()
         .map(|(p, peer)| {
-            let mut by_kind = vec![Tally::default(); Kind::ALL.len()];
+            let mut by_kind = vec![Tally::default(); RayKind::ALL.len()];
             let mut all = Record::default();
             for (chunk, records) in chunks.iter().zip(&records) {
                 by_kind[chunk.kind as usize].add(&records[p].blamed());
@@ -89,16 +89,16 @@ pub fn survey<'t>(
 }
 
 struct Chunk {
-    kind: Kind,
+    kind: RayKind,
     first: u64,
     count: u64,
 }
 
 /// Divides the rays among the kinds in proportion to their parts, at least one ray each.
 fn chunks(rays: u64) -> Vec<Chunk> {
-    let parts: u64 = Kind::ALL.iter().map(|kind| kind.parts()).sum();
+    let parts: u64 = RayKind::ALL.iter().map(|kind| kind.parts()).sum();
     let mut chunks = Vec::new();
-    for kind in Kind::ALL {
+    for kind in RayKind::ALL {
         let total = (rays * kind.parts()).div_ceil(parts).max(1);
         for first in (0..total).step_by(CHUNK as usize) {
             chunks.push(Chunk { kind, first, count: CHUNK.min(total - first) });

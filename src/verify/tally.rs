@@ -12,7 +12,7 @@ pub struct Tally {
     pub touching: u64,
     pub precision: u64,
     pub native_wrong: u64,
-    pub embree_wrong: u64,
+    pub peer_wrong: u64,
     pub both_wrong: u64,
     /// The largest difference of t between two hits of one triangle, in ulps.
     pub largest_t_ulps: u64,
@@ -27,7 +27,7 @@ impl Tally {
             Verdict::Touching => &mut self.touching,
             Verdict::Precision => &mut self.precision,
             Verdict::NativeWrong => &mut self.native_wrong,
-            Verdict::EmbreeWrong => &mut self.embree_wrong,
+            Verdict::PeerWrong => &mut self.peer_wrong,
             Verdict::BothWrong => &mut self.both_wrong,
         } += 1;
     }
@@ -39,7 +39,7 @@ impl Tally {
         self.touching += other.touching;
         self.precision += other.precision;
         self.native_wrong += other.native_wrong;
-        self.embree_wrong += other.embree_wrong;
+        self.peer_wrong += other.peer_wrong;
         self.both_wrong += other.both_wrong;
         self.largest_t_ulps = self.largest_t_ulps.max(other.largest_t_ulps);
     }
@@ -68,7 +68,7 @@ mod tests {
             Verdict::Touching,
             Verdict::Precision,
             Verdict::NativeWrong,
-            Verdict::EmbreeWrong,
+            Verdict::PeerWrong,
             Verdict::BothWrong,
         ];
         let mut tally = Tally::default();
@@ -82,7 +82,7 @@ mod tests {
             touching: 1,
             precision: 1,
             native_wrong: 1,
-            embree_wrong: 1,
+            peer_wrong: 1,
             both_wrong: 1,
             largest_t_ulps: 0,
         };

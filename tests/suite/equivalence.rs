@@ -104,7 +104,7 @@ fn asked_together_the_native_pipeline_does_not_change_and_nobody_is_wrong() {
             let tally = checked.record().tally;
             println!("{case}: {tally:?}");
             assert_eq!(tally.queries, rays, "{case}: every ray was checked");
-            let wrong = tally.native_wrong + tally.embree_wrong + tally.both_wrong;
+            let wrong = tally.native_wrong + tally.peer_wrong + tally.both_wrong;
             assert_eq!(wrong, 0, "{case}: {:?}", checked.record().failures);
         });
     }

@@ -19,7 +19,7 @@ fn no_answer_of_ours_is_wrong_on_any_shipped_scene() {
         let verdicts = verify(&format!("scenes/{scene}.toml"), &["--rays", "100000"]);
         let count = |what: &str| verdicts[what].as_u64().expect(what);
         assert_eq!(count("native_wrong") + count("both_wrong"), 0, "{scene}: {verdicts:#}");
-        let named = ["agree", "tie", "touching", "precision", "embree_wrong"].map(count);
+        let named = ["agree", "tie", "touching", "precision", "peer_wrong"].map(count);
         assert_eq!(named.iter().sum::<u64>(), count("queries"), "{scene}: none is dropped");
         // Two native peers are asked about every scene, and Embree in four ways.
         let peers = if cfg!(feature = "embree") { 6 } else { 2 };
@@ -153,15 +153,15 @@ fn our_answers_on_the_integer_grid_are_exact_to_the_bit() {
 }
 
 #[test]
-fn no_answer_of_ours_is_wrong_on_the_unruly_mesh() {
+fn no_answer_of_ours_is_wrong_on_the_stress_mesh() {
     for seed in ["1", "2", "3"] {
         let verdicts = verify("scenes/furnace.toml", &["--rays", "1000", "--seed", seed]);
         for name in ["native single", "native plane", "brute force", "brute force plane"] {
-            let tally = &verdicts["unruly"][name];
+            let tally = &verdicts["stress_mesh"][name];
             assert!(tally["queries"].as_u64() >= Some(20_000), "{name}: {tally}");
             assert_eq!((&tally["native_wrong"], &tally["both_wrong"]), (&0.into(), &0.into()));
         }
-        let total = |what: &str| verdicts["unruly"]["brute force plane"][what].as_u64();
+        let total = |what: &str| verdicts["stress_mesh"]["brute force plane"][what].as_u64();
         assert!(
             total("tie") > Some(0) && total("touching") > Some(0) && total("precision") > Some(0)
         );

@@ -2,7 +2,7 @@
 
 use crate::cli::progress::Bars;
 use crate::cli::render;
-use crate::equivalence::{Cause, Pair, Pipeline, Stage, Summary};
+use crate::equivalence::{Cause, Compared, Pair, Pipeline, Summary};
 use crate::error::Result;
 use crate::export::file::Output;
 use crate::export::picture::Format;
@@ -106,7 +106,7 @@ impl Display for PipelineReport {
     }
 }
 
-fn line(f: &mut Formatter, what: &str, stage: &Stage) -> fmt::Result {
+fn line(f: &mut Formatter, what: &str, stage: &Compared) -> fmt::Result {
     row(f, what, stage.total, stage.differing, &words(&stage.causes))
 }
 

@@ -3,7 +3,7 @@
 
 use super::{ETA, Margins, Rounding, gamma, overflows, positive, underflow};
 use crate::geometry::{Ray, Triangle};
-use crate::verify::forms::{Forms, abs_cross};
+use crate::verify::cramer::{Cramer, abs_cross};
 use glam::DVec3;
 
 impl Rounding {
@@ -13,12 +13,12 @@ impl Rounding {
     /// its three roundings without and two with fused multiply-add make less than 6 ε; the product
     /// rounds once more: γ₇ would do, γ₈ is taken. The reciprocals of denormals overflow and those of
     /// numbers above 2¹²⁶ are denormal: there, anything may come out.
-    pub(super) fn embree_default(forms: &Forms) -> Self {
-        let det = forms.det.value.abs();
+    pub(super) fn embree_default(cramer: &Cramer) -> Self {
+        let det = cramer.det.value.abs();
         if !(2f64.powi(-125)..2f64.powi(125)).contains(&det) {
-            return Rounding { margins: Margins::INFINITE, ..Rounding::cramer(forms, 8.0) };
+            return Rounding { margins: Margins::INFINITE, ..Rounding::cramer(cramer, 8.0) };
         }
-        Rounding::cramer(forms, 8.0)
+        Rounding::cramer(cramer, 8.0)
     }
 
     /// Plücker coordinates relative to the ray's origin, vᵢ = pᵢ − o (1 rounding):
@@ -35,22 +35,22 @@ impl Rounding {
     /// dot products add 3 roundings, and 1 for v₀. A hit is accepted up to 2ε|U + V + W| outside of an
     /// edge. Both quotients use Embree's reciprocal (see `embree_default`); where |U + V + W| < 10⁻¹⁸,
     /// u and v are answered as zero.
-    pub(super) fn embree_robust(forms: &Forms) -> Self {
-        let Forms { d, s, e1, e2, .. } = *forms;
+    pub(super) fn embree_robust(cramer: &Cramer) -> Self {
+        let Cramer { d, s, e1, e2, .. } = *cramer;
         let (d, v0) = (d.abs(), s.abs());
         let v = 2.0 * v0.max((e1 - s).abs()).max((e2 - s).abs());
         let e = e1.abs().max(e2.abs()).max((e2 - e1).abs());
         let (v_v, e_v, e_e) = (abs_cross(v, v), abs_cross(e, v), abs_cross(e, e));
-        let eta = 4.0 * (underflow(forms) + ETA * v.element_sum());
+        let eta = 4.0 * (underflow(cramer) + ETA * v.element_sum());
         let largest = v_v.max_element() * d.max_element().max(v.max_element());
-        if overflows(forms, v_v.max_element().max(6.0 * largest)) {
+        if overflows(cramer, v_v.max_element().max(6.0 * largest)) {
             return Rounding::ANYTHING;
         }
 
         // The edges, and their sum.
         let edge = (v_v * gamma(2.0) + e_v * gamma(9.0)).dot(d) + eta;
-        let det = 2.0 * forms.det.value.abs();
-        let values = [forms.u, forms.v, forms.w()].map(|sum| 2.0 * sum.value);
+        let det = 2.0 * cramer.det.value.abs();
+        let values = [cramer.u, cramer.v, cramer.w()].map(|sum| 2.0 * sum.value);
         let abs: f64 = values.iter().map(|value| value.abs()).sum();
         let sum_error = 3.0 * edge + gamma(2.0) * (abs + 3.0 * edge);
 
@@ -72,7 +72,7 @@ impl Rounding {
             let share = value.abs() / det;
             reciprocal((edge + share * sum_error) / room, share) + 2.0 * gamma(1.0)
         };
-        let t = (forms.t.value / forms.det.value).abs();
+        let t = (cramer.t.value / cramer.det.value).abs();
         let has_reciprocal =
             (1.0001e-18..2f64.powi(125)).contains(&(det - sum_error.max(den_error)));
         let margins = Margins {
@@ -95,11 +95,11 @@ impl Margins {
     /// So a box is lost only if the ray, moved by h, misses it, and with it the triangle. A plane
     /// beyond 2|p| + |o| is too far from the hit to be crossed by such a move; so h = 2γ₈ (|p| + |o|)
     /// will do, whatever box it was. Moving the origin changes u by (d × e₂)·h / det, and so on.
-    pub(super) fn with_box_test(self, ray: &Ray, triangle: &Triangle, forms: &Forms) -> Margins {
+    pub(super) fn with_box_test(self, ray: &Ray, triangle: &Triangle, cramer: &Cramer) -> Margins {
         let [p0, p1, p2] = triangle.p.map(|p| p.as_dvec3().abs());
         let h = (p0.max(p1).max(p2) + ray.origin.as_dvec3().abs()) * (2.0 * gamma(8.0));
-        let Forms { d, e1, e2, .. } = *forms;
-        let moved = |gradient: DVec3| gradient.abs().dot(h) / forms.det.value.abs();
+        let Cramer { d, e1, e2, .. } = *cramer;
+        let moved = |gradient: DVec3| gradient.abs().dot(h) / cramer.det.value.abs();
         let (u, v) = (moved(d.cross(e2)), moved(d.cross(e1)));
         Margins { t: self.t + moved(e1.cross(e2)), u: self.u + u, v: self.v + v, w: self.w + u + v }
     }

@@ -7,7 +7,7 @@
 //! flushed to zero (Embree leaves that to the program that calls it).
 //!
 //! A sum of products in which at most n roundings meet in any product is off by at most γₙ times the
-//! sum of the products' absolute values: the `abs` of a [`Sum`](super::forms::Sum). All kernels but
+//! sum of the products' absolute values: the `abs` of a [`ProductSum`](super::cramer::ProductSum). All kernels but
 //! [`Arithmetic::EmbreeRobust`] sum the same six products for each determinant, grouped one way or
 //! another: 1 rounding for each difference (o − p₀, e₁, e₂), 1 for each of two products, 1 for the
 //! cross product's sum and 2 for the dot product's. So γ₇ for det, u and v, with two differences,
@@ -17,7 +17,7 @@
 //! |n̂/D̂ − n/D| ≤ (δₙ + |n/D| δ_D) / (|D| − δ_D). Where δ_D ≥ |D| even the sign of the determinant is
 //! undecided in f32 and anything may come out: the bounds are infinite.
 
-use super::forms::Forms;
+use super::cramer::Cramer;
 use crate::geometry::{Ray, Triangle};
 
 mod embree;
@@ -93,19 +93,19 @@ pub struct Bounds {
 
 impl Bounds {
     #[inline]
-    pub fn new(arithmetic: Arithmetic, ray: &Ray, triangle: &Triangle, forms: &Forms) -> Self {
+    pub fn new(arithmetic: Arithmetic, ray: &Ray, triangle: &Triangle, cramer: &Cramer) -> Self {
         let rounding = match arithmetic {
-            Arithmetic::MollerTrumbore => Rounding::cramer(forms, 1.0),
-            Arithmetic::Plane => Rounding::plane(ray, forms),
-            Arithmetic::EmbreeDefault => Rounding::embree_default(forms),
-            Arithmetic::EmbreeRobust => Rounding::embree_robust(forms),
+            Arithmetic::MollerTrumbore => Rounding::cramer(cramer, 1.0),
+            Arithmetic::Plane => Rounding::plane(ray, cramer),
+            Arithmetic::EmbreeDefault => Rounding::embree_default(cramer),
+            Arithmetic::EmbreeRobust => Rounding::embree_robust(cramer),
         };
         let lost = match arithmetic {
-            Arithmetic::EmbreeDefault => rounding.margins.with_box_test(ray, triangle, forms),
+            Arithmetic::EmbreeDefault => rounding.margins.with_box_test(ray, triangle, cramer),
             _ => rounding.margins,
         };
-        let det = forms.det.value;
-        let [t, u, v, w] = [forms.t, forms.u, forms.v, forms.w()].map(|sum| sum.value / det);
+        let det = cramer.det.value;
+        let [t, u, v, w] = [cramer.t, cramer.u, cramer.v, cramer.w()].map(|sum| sum.value / det);
         Bounds {
             arithmetic,
             t,
@@ -177,14 +177,14 @@ impl Rounding {
 /// What underflow adds to a determinant: η for each component of a cross product, times the vector
 /// that it is multiplied with (any of the four, to cover every grouping), and η/2 for each of three
 /// products of the dot product.
-fn underflow(forms: &Forms) -> f64 {
-    let sum = forms.d.abs() + forms.s.abs() + forms.e1.abs() + forms.e2.abs();
+fn underflow(cramer: &Cramer) -> f64 {
+    let sum = cramer.d.abs() + cramer.s.abs() + cramer.e1.abs() + cramer.e2.abs();
     ETA * (sum.element_sum() + 2.0) * (1.0 + gamma(8.0))
 }
 
 /// Whether an intermediate result, or one `further` number, may leave f32's range.
-fn overflows(forms: &Forms, further: f64) -> bool {
-    let [d, s, e1, e2] = [forms.d, forms.s, forms.e1, forms.e2].map(|x| x.abs().max_element());
+fn overflows(cramer: &Cramer, further: f64) -> bool {
+    let [d, s, e1, e2] = [cramer.d, cramer.s, cramer.e1, cramer.e2].map(|x| x.abs().max_element());
     let e = 2.0 * e1.max(e2);
     // A cross product's component has two products, a dot product three of those.
     let pairs = 2.0 * d.max(e).max(s) * e.max(s);

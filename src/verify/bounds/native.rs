@@ -2,7 +2,7 @@
 
 use super::{ETA, Margins, Rounding, gamma, overflows, positive, underflow};
 use crate::geometry::Ray;
-use crate::verify::forms::{Forms, abs_cross};
+use crate::verify::cramer::{Cramer, abs_cross};
 
 impl Rounding {
     /// Cramer's rule; the final quotients take `divisions` roundings.
@@ -10,19 +10,19 @@ impl Rounding {
     /// A hit that f32 decides has û, v̂ and |det̂| − û − v̂ above their rounding; near the third edge the
     /// numerators' errors and det's add up. Near an edge f64 decides, which is well within these
     /// bounds: they were derived for f32 alone, and stay what the kernel may be forgiven.
-    pub(super) fn cramer(forms: &Forms, divisions: f64) -> Self {
-        if overflows(forms, 0.0) {
+    pub(super) fn cramer(cramer: &Cramer, divisions: f64) -> Self {
+        if overflows(cramer, 0.0) {
             return Rounding::ANYTHING;
         }
-        let eta = underflow(forms);
-        let [det, u, v] = [forms.det, forms.u, forms.v].map(|sum| gamma(7.0) * sum.abs + eta);
-        let t = gamma(8.0) * forms.t.abs + eta;
-        let exact_det = forms.det.value.abs();
-        let sum = gamma(1.0) * (forms.u.value.abs() + forms.v.value.abs());
+        let eta = underflow(cramer);
+        let [det, u, v] = [cramer.det, cramer.u, cramer.v].map(|sum| gamma(7.0) * sum.abs + eta);
+        let t = gamma(8.0) * cramer.t.abs + eta;
+        let exact_det = cramer.det.value.abs();
+        let sum = gamma(1.0) * (cramer.u.value.abs() + cramer.v.value.abs());
         let Some(room) = positive(exact_det - det) else {
             // |û| and |v̂| cannot exceed |det̂|.
-            let possible = forms.u.value.abs() <= exact_det + det + u
-                && forms.v.value.abs() <= exact_det + det + v;
+            let possible = cramer.u.value.abs() <= exact_det + det + u
+                && cramer.v.value.abs() <= exact_det + det + v;
             return Rounding { margins: Margins::INFINITE, possible };
         };
         let quotient = |numerator: f64, error: f64| {
@@ -32,9 +32,9 @@ impl Rounding {
         };
         Rounding {
             margins: Margins {
-                t: quotient(forms.t.value, t),
-                u: quotient(forms.u.value, u),
-                v: quotient(forms.v.value, v),
+                t: quotient(cramer.t.value, t),
+                u: quotient(cramer.u.value, u),
+                v: quotient(cramer.v.value, v),
                 w: (u + v + det + sum) / room,
             },
             possible: true,
@@ -47,24 +47,24 @@ impl Rounding {
     /// n̂ has γ₄ of |e₁|×|e₂|. q̂ carries t's error along d, 3 roundings of t·d, and at most 3 of o and
     /// p₀, |p₀| ≤ |o| + |s|. The numerators of u and v are 2×2 determinants of q and an edge, with 3
     /// roundings beside q's; they are divided by the largest component of n̂.
-    pub(super) fn plane(ray: &Ray, forms: &Forms) -> Self {
-        let Forms { d, s, e1, e2, .. } = *forms;
+    pub(super) fn plane(ray: &Ray, cramer: &Cramer) -> Self {
+        let Cramer { d, s, e1, e2, .. } = *cramer;
         let o = ray.origin.as_dvec3().abs();
-        let det = forms.det.value.abs();
-        let [t, u, v] = [forms.t, forms.u, forms.v].map(|sum| (sum.value / det).abs());
+        let det = cramer.det.value.abs();
+        let [t, u, v] = [cramer.t, cramer.u, cramer.v].map(|sum| (sum.value / det).abs());
         let reach = d.abs() * t;
-        if overflows(forms, (o + s.abs() + reach).max_element()) {
+        if overflows(cramer, (o + s.abs() + reach).max_element()) {
             return Rounding::ANYTHING;
         }
-        let eta = underflow(forms);
-        let det_error = gamma(7.0) * forms.det.abs + eta;
+        let eta = underflow(cramer);
+        let det_error = gamma(7.0) * cramer.det.abs + eta;
         let n_abs = abs_cross(e1, e2).max_element();
         let n_error = gamma(4.0) * n_abs + ETA;
         let n = e1.cross(e2).abs().max_element();
         let (Some(room), Some(n_room)) = (positive(det - det_error), positive(n - n_error)) else {
             return Rounding::ANYTHING;
         };
-        let t_before = (gamma(8.0) * forms.t.abs + eta + t * det_error) / room;
+        let t_before = (gamma(8.0) * cramer.t.abs + eta + t * det_error) / room;
         let t_error = t_before + gamma(1.0) * (t_before + t) + ETA;
 
         let q = e1.abs() * u + e2.abs() * v;

@@ -92,9 +92,9 @@ const MACHINES: [Machine; 4] = [
 ];
 
 fn check(ray: &Ray, triangle: &Triangle) {
-    let forms = Forms::new(ray, triangle);
+    let cramer = Cramer::new(ray, triangle);
     let check = |arithmetic, answer: Option<[f32; 3]>| {
-        let bounds = Bounds::new(arithmetic, ray, triangle, &forms);
+        let bounds = Bounds::new(arithmetic, ray, triangle, &cramer);
         let case = || format!("{}, {}", source::ray(ray), source::triangle(triangle));
         assert!(bounds.allow(ray, answer), "{answer:?} is not {bounds:?}: {}", case());
     };
@@ -147,14 +147,14 @@ fn an_ordinary_hit_has_narrow_bounds() {
     // Of the order of the roundings: a few dozen ε.
     let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
     let ray = Ray::new(Vec3::new(0.3, 0.3, 2.0), Vec3::new(0.01, -0.02, -1.0));
-    let forms = Forms::new(&ray, &triangle);
+    let cramer = Cramer::new(&ray, &triangle);
     for (arithmetic, limit) in [
         (Arithmetic::MollerTrumbore, 40.0),
         (Arithmetic::Plane, 250.0),
         (Arithmetic::EmbreeDefault, 60.0),
         (Arithmetic::EmbreeRobust, 400.0),
     ] {
-        let m = Bounds::new(arithmetic, &ray, &triangle, &forms).kernel;
+        let m = Bounds::new(arithmetic, &ray, &triangle, &cramer).kernel;
         for margin in [m.t, m.u, m.v, m.w] {
             assert!(margin > EPS && margin < limit * EPS, "{arithmetic:?}: {m:?}");
         }
@@ -172,7 +172,7 @@ fn beyond_its_bounds_nothing_is_allowed() {
         Arithmetic::EmbreeRobust,
     ] {
         let allow = |ray: Ray, answer| {
-            Bounds::new(arithmetic, &ray, &triangle, &Forms::new(&ray, &triangle))
+            Bounds::new(arithmetic, &ray, &triangle, &Cramer::new(&ray, &triangle))
                 .allow(&ray, answer)
         };
         let inside = ray(0.25, 0.25);
@@ -202,6 +202,6 @@ fn beyond_its_bounds_nothing_is_allowed() {
 fn where_f32_overflows_anything_may_come_out() {
     let huge = Triangle::new(Vec3::ZERO, Vec3::X * 1e30, Vec3::Y * 1e30);
     let ray = Ray::new(Vec3::new(1e29, 1e29, 1.0), Vec3::NEG_Z);
-    let bounds = Bounds::new(Arithmetic::MollerTrumbore, &ray, &huge, &Forms::new(&ray, &huge));
+    let bounds = Bounds::new(Arithmetic::MollerTrumbore, &ray, &huge, &Cramer::new(&ray, &huge));
     assert!(bounds.allow(&ray, None) && bounds.allow(&ray, Some([7.0, 0.0, 0.0])));
 }

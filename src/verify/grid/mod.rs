@@ -17,7 +17,7 @@
 //! how often it has the very bits is counted.
 
 use super::survey::{Answers, Peer};
-use super::verdict::{Judge, Judgement, Standing};
+use super::verdict::{Grade, Judge, Judgement};
 use crate::bvh::WIDTH;
 use crate::geometry::{Hit, Ray, Triangle};
 use crate::verify::Arithmetic;
@@ -181,7 +181,7 @@ impl Question<'_, '_> {
     }
 
     fn is_wrong(&self, judgement: &Judgement) -> bool {
-        self.is_demanded || judgement.native == Standing::Wrong
+        self.is_demanded || judgement.native == Grade::Wrong
     }
 
     fn is_at_expected_distance(&self, hit: &Hit) -> bool {

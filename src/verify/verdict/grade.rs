@@ -3,14 +3,14 @@
 use super::Judge;
 use crate::geometry::{Hit, Ray, TriangleId};
 use crate::verify::bounds::{Arithmetic, Bounds};
-use crate::verify::forms::Forms;
+use crate::verify::contact::{Contact, Miss};
+use crate::verify::cramer::Cramer;
 use crate::verify::referee::Met;
-use crate::verify::truth::{Miss, Truth};
 use std::cmp::Ordering;
 
 /// How one answer compares with the truth, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Standing {
+pub enum Grade {
     /// What exact arithmetic gives.
     Right,
     /// Another triangle lies at exactly the same distance.
@@ -22,22 +22,22 @@ pub enum Standing {
     Wrong,
 }
 
-/// An answer's standing; if it is wrong, a triangle that shows it.
+/// An answer's grade; if it is wrong, a triangle that shows it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Found {
-    pub standing: Standing,
-    pub witness: Option<TriangleId>,
+pub(super) struct Graded {
+    pub grade: Grade,
+    pub counterexample: Option<TriangleId>,
 }
 
-impl Found {
-    pub const RIGHT: Found = Found { standing: Standing::Right, witness: None };
+impl Graded {
+    pub const RIGHT: Graded = Graded { grade: Grade::Right, counterexample: None };
 
-    fn wrong(witness: Option<TriangleId>) -> Self {
-        Found { standing: Standing::Wrong, witness }
+    fn wrong(counterexample: Option<TriangleId>) -> Self {
+        Graded { grade: Grade::Wrong, counterexample }
     }
 
-    fn at_least(&mut self, standing: Standing) {
-        self.standing = self.standing.max(standing);
+    fn at_least(&mut self, grade: Grade) {
+        self.grade = self.grade.max(grade);
     }
 }
 
@@ -46,84 +46,84 @@ impl Found {
 const FIRST_SEARCH: f64 = 1.0 / 4096.0;
 
 impl Judge<'_> {
-    fn bounds(&self, ray: &Ray, arithmetic: Arithmetic, id: TriangleId, forms: &Forms) -> Bounds {
-        Bounds::new(arithmetic, ray, self.referee.triangle(id), forms)
+    fn bounds(&self, ray: &Ray, arithmetic: Arithmetic, id: TriangleId, cramer: &Cramer) -> Bounds {
+        Bounds::new(arithmetic, ray, self.referee.triangle(id), cramer)
     }
 
     /// `met` holds what the exact ray meets.
-    pub(super) fn stand_nearest(
+    pub(super) fn grade_nearest(
         &self,
         ray: &Ray,
         answer: Option<Hit>,
         arithmetic: Arithmetic,
         met: &[Met],
-    ) -> Found {
+    ) -> Graded {
         match answer {
-            None => self.stand_miss(ray, arithmetic, met),
-            Some(hit) => self.stand_hit(ray, hit, arithmetic, met),
+            None => self.grade_miss(ray, arithmetic, met),
+            Some(hit) => self.grade_hit(ray, hit, arithmetic, met),
         }
     }
 
     /// A miss must have a reason for each triangle that the exact ray meets.
-    fn stand_miss(&self, ray: &Ray, arithmetic: Arithmetic, met: &[Met]) -> Found {
-        let mut found = Found::RIGHT;
+    fn grade_miss(&self, ray: &Ray, arithmetic: Arithmetic, met: &[Met]) -> Graded {
+        let mut graded = Graded::RIGHT;
         for met in met {
-            if let Truth::Touching(_) = met.truth {
-                found.at_least(Standing::Touching);
-            } else if self.bounds(ray, arithmetic, met.triangle, &met.forms).may_miss(ray) {
-                found.at_least(Standing::Precision);
+            if let Contact::Touching(_) = met.contact {
+                graded.at_least(Grade::Touching);
+            } else if self.bounds(ray, arithmetic, met.triangle, &met.cramer).may_miss(ray) {
+                graded.at_least(Grade::Precision);
             } else {
-                return Found::wrong(Some(met.triangle));
+                return Graded::wrong(Some(met.triangle));
             }
         }
-        found
+        graded
     }
 
     /// A hit must be possible, its numbers right, and nothing that cannot be missed nearer.
-    fn stand_hit(&self, ray: &Ray, hit: Hit, arithmetic: Arithmetic, met: &[Met]) -> Found {
+    fn grade_hit(&self, ray: &Ray, hit: Hit, arithmetic: Arithmetic, met: &[Met]) -> Graded {
         if hit.triangle.index() >= self.referee.triangles().len() {
-            return Found::wrong(None);
+            return Graded::wrong(None);
         }
         let own = self.referee.examine(ray, hit.triangle);
-        let own = Met { triangle: hit.triangle, truth: own.truth, forms: own.forms };
-        let bounds = self.bounds(ray, arithmetic, own.triangle, &own.forms);
-        let mut found = Found::RIGHT;
-        match own.truth {
-            Truth::Hit { .. } => {}
-            Truth::Touching(_) => found.at_least(Standing::Touching),
-            Truth::Miss(miss) if miss != Miss::NotFinite && bounds.may_hit(ray) => {
-                found.at_least(Standing::Precision);
+        let own = Met { triangle: hit.triangle, contact: own.contact, cramer: own.cramer };
+        let bounds = self.bounds(ray, arithmetic, own.triangle, &own.cramer);
+        let mut graded = Graded::RIGHT;
+        match own.contact {
+            Contact::Hit { .. } => {}
+            Contact::Touching(_) => graded.at_least(Grade::Touching),
+            Contact::Miss(miss) if miss != Miss::NotFinite && bounds.may_hit(ray) => {
+                graded.at_least(Grade::Precision);
             }
-            Truth::Miss(_) => return Found::wrong(Some(hit.triangle)),
+            Contact::Miss(_) => return Graded::wrong(Some(hit.triangle)),
         }
         if !bounds.accept(ray, [hit.t, hit.u, hit.v]) {
-            return Found::wrong(Some(hit.triangle));
+            return Graded::wrong(Some(hit.triangle));
         }
         for nearer in met.iter().filter(|met| met.triangle != hit.triangle) {
             if self.is_surely_before(ray, nearer, hit.t, arithmetic) {
-                return Found::wrong(Some(nearer.triangle));
+                return Graded::wrong(Some(nearer.triangle));
             }
-            found.at_least(self.stand_between(ray, nearer, &own));
+            graded.at_least(self.grade_between(ray, nearer, &own));
         }
-        found
+        graded
     }
 
     /// Whether a kernel cannot but have found `met`, at a smaller t.
     fn is_surely_before(&self, ray: &Ray, met: &Met, t: f32, arithmetic: Arithmetic) -> bool {
-        if !matches!(met.truth, Truth::Hit { .. }) {
+        if !matches!(met.contact, Contact::Hit { .. }) {
             return false;
         }
-        let bounds = self.bounds(ray, arithmetic, met.triangle, &met.forms);
+        let bounds = self.bounds(ray, arithmetic, met.triangle, &met.cramer);
         !bounds.may_miss(ray) && bounds.t + bounds.lost.t < t as f64
     }
 
     /// What another triangle, met by the exact ray, makes of a hit of `own`.
-    fn stand_between(&self, ray: &Ray, met: &Met, own: &Met) -> Standing {
-        match (self.referee.compare(ray, met, own), met.truth) {
-            (Some(Ordering::Equal), _) => Standing::Tie,
-            (Some(Ordering::Less), Truth::Touching(_)) => Standing::Touching,
-            (Some(Ordering::Less), _) => Standing::Precision,
-            (Some(Ordering::Greater) | None, _) => Standing::Right,
+    fn grade_between(&self, ray: &Ray, met: &Met, own: &Met) -> Grade {
+        match (self.referee.compare(ray, met, own), met.contact) {
+            (Some(Ordering::Equal), _) => Grade::Tie,
+            (Some(Ordering::Less), Contact::Touching(_)) => Grade::Touching,
+            (Some(Ordering::Less), _) => Grade::Precision,
+            (Some(Ordering::Greater) | None, _) => Grade::Right,
         }
     }
 
@@ -136,35 +136,35 @@ impl Judge<'_> {
         }
     }
 
-    pub(super) fn stand_occluded(
+    pub(super) fn grade_occluded(
         &self,
         ray: &Ray,
         answer: bool,
         arithmetic: Arithmetic,
         met: &[Met],
-    ) -> Found {
+    ) -> Graded {
         if !answer {
-            return self.stand_miss(ray, arithmetic, met);
+            return self.grade_miss(ray, arithmetic, met);
         }
-        if met.iter().any(|met| matches!(met.truth, Truth::Hit { .. })) {
-            return Found::RIGHT;
+        if met.iter().any(|met| matches!(met.contact, Contact::Hit { .. })) {
+            return Graded::RIGHT;
         }
-        let standing = if !met.is_empty() {
-            Standing::Touching
+        let grade = if !met.is_empty() {
+            Grade::Touching
         } else if self.may_hit_anything(ray, arithmetic) {
-            Standing::Precision
+            Grade::Precision
         } else {
-            Standing::Wrong
+            Grade::Wrong
         };
-        Found { standing, witness: None }
+        Graded { grade, counterexample: None }
     }
 
     /// Whether rounding may have made a hit of a miss: near the ray first, then everywhere.
     fn may_hit_anything(&self, ray: &Ray, arithmetic: Arithmetic) -> bool {
         let may_hit = |id| {
-            let finding = self.referee.examine(ray, id);
-            finding.truth != Truth::Miss(Miss::NotFinite)
-                && self.bounds(ray, arithmetic, id, &finding.forms).may_hit(ray)
+            let examined = self.referee.examine(ray, id);
+            examined.contact != Contact::Miss(Miss::NotFinite)
+                && self.bounds(ray, arithmetic, id, &examined.cramer).may_hit(ray)
         };
         [FIRST_SEARCH, f64::INFINITY]
             .into_iter()

@@ -1,19 +1,19 @@
 //! Two answers to one query, and who is right.
 //!
-//! Each answer is judged by itself first, which gives its [`Standing`]; two standings make a
+//! Each answer is judged by itself first, which gives its [`Grade`]; two grades make a
 //! [`Verdict`]. An answer is wrong when no f32 kernel of its kind could have given it within its
 //! derived bounds: it names a triangle that it cannot have met, gives numbers that are too far off,
 //! or leaves out a triangle that it cannot have missed and that lies nearer.
 
 use super::bounds::{Arithmetic, Bounds};
-use super::forms::Forms;
+use super::cramer::Cramer;
 use super::referee::Referee;
 use super::source;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
-use standing::Found;
-pub use standing::Standing;
+pub use grade::Grade;
+use grade::Graded;
 
-mod standing;
+mod grade;
 #[cfg(test)]
 mod tests;
 
@@ -30,7 +30,7 @@ pub enum Verdict {
     /// distances differ by less than their bounds.
     Precision,
     NativeWrong,
-    EmbreeWrong,
+    PeerWrong,
     BothWrong,
 }
 
@@ -38,51 +38,51 @@ pub enum Verdict {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Judgement {
     pub verdict: Verdict,
-    pub native: Standing,
+    pub native: Grade,
     /// The peer's; what exact arithmetic gives, if there is no peer.
-    pub other: Standing,
+    pub other: Grade,
     /// A triangle that refutes a wrong answer.
-    pub witness: Option<TriangleId>,
+    pub counterexample: Option<TriangleId>,
 }
 
 impl Judgement {
     const AGREE: Judgement = Judgement {
         verdict: Verdict::Agree,
-        native: Standing::Right,
-        other: Standing::Right,
-        witness: None,
+        native: Grade::Right,
+        other: Grade::Right,
+        counterexample: None,
     };
 
     /// `tie`: both answers are hits, met by the exact ray at exactly one distance.
-    fn new(native: Found, other: Found, same: bool, tie: bool) -> Self {
-        let verdict = match (native.standing, other.standing) {
-            (Standing::Wrong, Standing::Wrong) => Verdict::BothWrong,
-            (Standing::Wrong, _) => Verdict::NativeWrong,
-            (_, Standing::Wrong) => Verdict::EmbreeWrong,
+    fn new(native: Graded, other: Graded, same: bool, tie: bool) -> Self {
+        let verdict = match (native.grade, other.grade) {
+            (Grade::Wrong, Grade::Wrong) => Verdict::BothWrong,
+            (Grade::Wrong, _) => Verdict::NativeWrong,
+            (_, Grade::Wrong) => Verdict::PeerWrong,
             _ if same => Verdict::Agree,
             _ if tie => Verdict::Tie,
             (native, other) => match native.max(other) {
-                Standing::Right => unreachable!("two different answers are not both the truth"),
-                Standing::Tie => Verdict::Tie,
-                Standing::Touching => Verdict::Touching,
-                Standing::Precision | Standing::Wrong => Verdict::Precision,
+                Grade::Right => unreachable!("two different answers are not both the truth"),
+                Grade::Tie => Verdict::Tie,
+                Grade::Touching => Verdict::Touching,
+                Grade::Precision | Grade::Wrong => Verdict::Precision,
             },
         };
-        let witness = native.witness.or(other.witness);
-        Judgement { verdict, native: native.standing, other: other.standing, witness }
+        let counterexample = native.counterexample.or(other.counterexample);
+        Judgement { verdict, native: native.grade, other: other.grade, counterexample }
     }
 
     /// Without a peer, every departure from the truth is named.
-    fn alone(native: Found) -> Self {
-        let verdict = match native.standing {
-            Standing::Right => Verdict::Agree,
-            Standing::Tie => Verdict::Tie,
-            Standing::Touching => Verdict::Touching,
-            Standing::Precision => Verdict::Precision,
-            Standing::Wrong => Verdict::NativeWrong,
+    fn alone(native: Graded) -> Self {
+        let verdict = match native.grade {
+            Grade::Right => Verdict::Agree,
+            Grade::Tie => Verdict::Tie,
+            Grade::Touching => Verdict::Touching,
+            Grade::Precision => Verdict::Precision,
+            Grade::Wrong => Verdict::NativeWrong,
         };
-        let witness = native.witness;
-        Judgement { verdict, native: native.standing, other: Standing::Right, witness }
+        let counterexample = native.counterexample;
+        Judgement { verdict, native: native.grade, other: Grade::Right, counterexample }
     }
 }
 
@@ -128,11 +128,11 @@ impl<'t> Judge<'t> {
     #[inline]
     fn accept(&self, ray: &Ray, a: &Hit, b: &Hit) -> bool {
         let Some(triangle) = self.referee.triangles().get(a.triangle.index()) else { return false };
-        let forms = Forms::new(ray, triangle);
-        if !(forms.det.abs + forms.u.abs).is_finite() {
+        let cramer = Cramer::new(ray, triangle);
+        if !(cramer.det.abs + cramer.u.abs).is_finite() {
             return false;
         }
-        let bounds = |arithmetic| Bounds::new(arithmetic, ray, triangle, &forms);
+        let bounds = |arithmetic| Bounds::new(arithmetic, ray, triangle, &cramer);
         let allow = |bounds: &Bounds, hit: &Hit| bounds.allow(ray, Some([hit.t, hit.u, hit.v]));
         // Nearly always both keep even the narrowest bounds, and those are quickest to get.
         let narrow = bounds(Arithmetic::MollerTrumbore);
@@ -150,8 +150,8 @@ impl<'t> Judge<'t> {
             _ => false,
         };
         Judgement::new(
-            self.stand_nearest(ray, native, self.native, &met),
-            self.stand_nearest(ray, other, self.other, &met),
+            self.grade_nearest(ray, native, self.native, &met),
+            self.grade_nearest(ray, other, self.other, &met),
             same,
             tie,
         )
@@ -168,8 +168,8 @@ impl<'t> Judge<'t> {
         let ray = &within_reach(ray);
         let met = self.referee.met(ray);
         Judgement::new(
-            self.stand_occluded(ray, native, self.native, &met),
-            self.stand_occluded(ray, other, self.other, &met),
+            self.grade_occluded(ray, native, self.native, &met),
+            self.grade_occluded(ray, other, self.other, &met),
             native == other,
             false,
         )
@@ -178,13 +178,13 @@ impl<'t> Judge<'t> {
     /// Judges one nearest hit by the exact truth about all triangles.
     pub fn nearest_alone(&self, ray: &Ray, native: Option<Hit>) -> Judgement {
         let ray = &within_reach(ray);
-        Judgement::alone(self.stand_nearest(ray, native, self.native, &self.referee.met(ray)))
+        Judgement::alone(self.grade_nearest(ray, native, self.native, &self.referee.met(ray)))
     }
 
     /// Judges one answer to "is anything hit?" by the exact truth about all triangles.
     pub fn occluded_alone(&self, ray: &Ray, native: bool) -> Judgement {
         let ray = &within_reach(ray);
-        Judgement::alone(self.stand_occluded(ray, native, self.native, &self.referee.met(ray)))
+        Judgement::alone(self.grade_occluded(ray, native, self.native, &self.referee.met(ray)))
     }
 
     /// The query as the body of a test: ray, triangles and answers, bit for bit.
@@ -197,7 +197,7 @@ impl<'t> Judge<'t> {
     ) -> String {
         let named = [native.map(|hit| hit.triangle), other.map(|hit| hit.triangle)];
         let mut ids: Vec<TriangleId> = named.into_iter().flatten().collect();
-        ids.extend(judgement.witness);
+        ids.extend(judgement.counterexample);
         ids.extend(self.referee.nearest(ray).map(|met| met.triangle));
         ids.sort();
         ids.dedup();

@@ -2,7 +2,7 @@ use super::*;
 use crate::geometry::moller_trumbore::determinants;
 use crate::geometry::{BruteForce, Kernel, MollerTrumbore, Plane, RayCaster};
 use crate::sampling::{PointSet, Purpose, Stream};
-use crate::verify::truth::{Miss, Truth};
+use crate::verify::contact::{Contact, Miss};
 use glam::Vec3;
 
 /// A unit square of two triangles at z = 0, and one large triangle behind it at z = −1.
@@ -56,10 +56,10 @@ fn a_hit_that_is_dropped_is_wrong() {
     let ray = down(0.5, 0.25);
     let right = hit(&scene, &ray, 0);
     assert_eq!(verdict(&scene, &ray, None, right), Verdict::NativeWrong);
-    assert_eq!(verdict(&scene, &ray, right, None), Verdict::EmbreeWrong);
+    assert_eq!(verdict(&scene, &ray, right, None), Verdict::PeerWrong);
     let judgement = judge(&scene).nearest_alone(&ray, None);
     assert_eq!(judgement.verdict, Verdict::NativeWrong);
-    assert_eq!(judgement.witness, Some(TriangleId(0)));
+    assert_eq!(judgement.counterexample, Some(TriangleId(0)));
 }
 
 #[test]
@@ -80,10 +80,10 @@ fn a_farther_triangle_is_wrong_and_the_nearer_one_is_the_witness() {
     let ray = down(0.5, 0.25);
     let (near, far) = (hit(&scene, &ray, 0), hit(&scene, &ray, 2));
     assert_eq!(verdict(&scene, &ray, far, near), Verdict::NativeWrong);
-    assert_eq!(verdict(&scene, &ray, near, far), Verdict::EmbreeWrong);
+    assert_eq!(verdict(&scene, &ray, near, far), Verdict::PeerWrong);
     let judgement = judge(&scene).nearest_alone(&ray, far);
     assert_eq!(judgement.verdict, Verdict::NativeWrong);
-    assert_eq!(judgement.witness, Some(TriangleId(0)));
+    assert_eq!(judgement.counterexample, Some(TriangleId(0)));
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn numbers_beyond_their_bounds_are_wrong() {
         );
         assert_eq!(
             verdict(&scene, &ray, Some(right), Some(wrong)),
-            Verdict::EmbreeWrong,
+            Verdict::PeerWrong,
             "{wrong:?}"
         );
     }
@@ -160,9 +160,9 @@ fn within_the_bounds_of_an_edge_is_precision() {
         direction: Vec3::new(-1.0, -1.0, -2.0),
         ..Ray::new(Vec3::new(2.5, 2.5f32.next_up(), 2.0), Vec3::ONE)
     };
-    let beyond = Truth::Miss(Miss::Beside);
+    let beyond = Contact::Miss(Miss::Beside);
     let judge = judge(&triangles);
-    assert_eq!(judge.referee().examine(&ray, TriangleId(0)).truth, beyond);
+    assert_eq!(judge.referee().examine(&ray, TriangleId(0)).contact, beyond);
     let claimed = Some(Hit { triangle: TriangleId(0), t: 1.0, u: 0.5, v: 0.5 });
     assert_eq!(verdict(&triangles, &ray, claimed, None), Verdict::Precision);
     assert_eq!(verdict(&triangles, &ray, None, claimed), Verdict::Precision);
@@ -186,7 +186,7 @@ fn within_the_bounds_of_the_intervals_end_is_precision_and_on_the_start_is_wrong
     let start = ray(2.0, 9.0);
     assert_eq!(verdict(scene, &start, at(2.0), None), Verdict::NativeWrong);
     assert_eq!(verdict(scene, &start, None, at(2.0)), Verdict::Precision);
-    assert_eq!(verdict(scene, &ray(0.0, 1.99), None, at(2.0)), Verdict::EmbreeWrong);
+    assert_eq!(verdict(scene, &ray(0.0, 1.99), None, at(2.0)), Verdict::PeerWrong);
 }
 
 #[test]
@@ -225,9 +225,9 @@ fn occlusion_is_judged_by_what_is_met() {
     let (inside, beside) = (down(0.5, 0.25), down(1.5, 0.5));
     assert_eq!(verdict(&inside, true, true), Verdict::Agree);
     assert_eq!(verdict(&inside, false, true), Verdict::NativeWrong);
-    assert_eq!(verdict(&inside, true, false), Verdict::EmbreeWrong);
+    assert_eq!(verdict(&inside, true, false), Verdict::PeerWrong);
     assert_eq!(verdict(&beside, true, false), Verdict::NativeWrong);
-    assert_eq!(verdict(&beside, false, true), Verdict::EmbreeWrong);
+    assert_eq!(verdict(&beside, false, true), Verdict::PeerWrong);
     assert_eq!(judge.occluded_alone(&beside, false).verdict, Verdict::Agree);
     assert_eq!(judge.occluded_alone(&beside, true).verdict, Verdict::NativeWrong);
     assert_eq!(judge.occluded_alone(&inside, false).verdict, Verdict::NativeWrong);
