@@ -1,11 +1,11 @@
-//! What can go wrong, told so that the reader can mend it: where, why, and what to do.
+//! Failures, reported so that the reader can fix them: where, why, and what to do.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// A failure of the user's input or surroundings: `file:line: cause`, then the remedy.
 ///
-/// A miss of a ray is `None` and a bug is a panic; only what a user can mend becomes an `Error`.
+/// A miss of a ray is `None` and a bug is a panic; only what a user can fix becomes an `Error`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct Error {
     kind: ErrorKind,
@@ -15,7 +15,7 @@ pub struct Error {
     remedy: Option<String>,
 }
 
-/// What kind of failure an [`Error`] is, for programs.
+/// The kind of failure that an [`Error`] is, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ErrorKind {
@@ -79,7 +79,7 @@ impl Error {
         self
     }
 
-    /// What the user can do about it, as an imperative sentence without a full stop.
+    /// Says what the user can do about it, as an imperative sentence without a full stop.
     pub fn remedy(mut self, remedy: impl Into<String>) -> Self {
         self.remedy = Some(remedy.into());
         self

@@ -22,7 +22,7 @@ pub fn peak() -> Option<u64> {
 /// Refuses `what` if it needs more than `limit` bytes.
 ///
 /// # Errors
-/// Of kind [`ErrorKind::Memory`], with both numbers and the caller's remedy.
+/// An error of kind [`ErrorKind::Memory`], with both numbers and the caller's remedy.
 pub fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
     match limit {
         Some(limit) if bytes > limit => Err(Error::new(format!(

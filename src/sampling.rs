@@ -20,7 +20,7 @@ pub enum PointSet {
     Regular,
 }
 
-/// What a stream of numbers is used for, so that no two uses share their numbers.
+/// The use of a stream of numbers, so that no two uses share their numbers.
 #[derive(Debug, Clone, Copy)]
 pub enum Purpose {
     Pair = 1,
@@ -158,7 +158,7 @@ mod tests {
         counts.iter().map(|&n| (n as f64 - expected).powi(2) / expected).sum()
     }
 
-    /// The value that χ² of so many bins stays below with probability `p`.
+    /// The value that χ² of `bins` bins stays below with probability `p`.
     fn quantile(bins: usize, p: f64) -> f64 {
         ChiSquared::new((bins - 1) as f64).unwrap().inverse_cdf(p)
     }

@@ -1,11 +1,11 @@
-//! Every engine over the same rays, in turns, so that a machine's moods fall on all of them.
+//! Every engine over the same rays, in turns, so that noise falls on all of them alike.
 
 use crate::geometry::{Ray, RayCaster};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Whose answers they are.
+/// The tracer and the kernel that an engine belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contender {
     Native,
@@ -35,7 +35,7 @@ pub enum Query {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rates {
     pub engine: &'static str,
-    /// Millions of rays a second: the median round, the slowest and the fastest.
+    /// Millions of rays per second: the median round, the slowest and the fastest.
     pub median: f64,
     pub min: f64,
     pub max: f64,

@@ -6,7 +6,7 @@ use crate::geometry::surface::Surface;
 use crate::sampling::{PointSet, Purpose, Stream};
 use rayon::prelude::*;
 
-/// What the rays are for.
+/// The use that the rays are for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Workload {
     /// Nearest hits of one picture's rays, in tiles of 4 × 4 pixels.

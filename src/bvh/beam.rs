@@ -1,4 +1,4 @@
-//! What contains all rays of a packet, to ask eight boxes at once which of them any ray may enter (the
+//! A volume that contains all rays of a packet, to test at once which of eight boxes any ray may enter (the
 //! interval arithmetic of Boulos, Wald & Shirley, *Geometric and Arithmetic Culling Methods for Entire Ray
 //! Packets*, Utah UUCS-06-010, 2006).
 //!
@@ -12,7 +12,7 @@ use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// The ranges of a packet's origins and inverse directions.
 pub struct Beam<S: Simd> {
-    /// `None` where the rays go both ways, which tells nothing.
+    /// `None` where the rays go both ways, which gives no bound.
     axes: [Option<BeamAxis<S>>; 3],
     t_min: f32x8<S>,
 }

@@ -11,7 +11,7 @@ use obvhs::bvh2::Bvh2;
 /// Costs of a visit, relative to that of a node. From 1 to 2.5 for a leaf nothing changed beyond the
 /// noise but the memory, by 6 %.
 const LEAF: f32 = 1.0;
-/// Of each triangle in a leaf: its memory.
+/// Cost of each triangle in a leaf: its memory.
 const TRIANGLE: f32 = 0.1;
 
 /// A child of a wide node: a node of the binary tree that becomes a node, or whose triangles become one
@@ -22,17 +22,17 @@ pub enum Member {
     Leaf(usize),
 }
 
-/// What the least costs are.
+/// The least costs of a binary tree's nodes.
 pub struct Collapse<'t> {
     tree: &'t Bvh2,
-    /// Of each binary node, the least cost of it as a forest of at most 1, 2, … 7 trees.
+    /// For each binary node, its least cost as a forest of at most 1, 2, … 7 trees.
     costs: Vec<[f32; WIDTH - 1]>,
-    /// Of each binary node, the triangles below it.
+    /// For each binary node, the number of triangles below it.
     triangles: Vec<u32>,
 }
 
 impl<'t> Collapse<'t> {
-    /// Of a tree with one triangle, or a piece of one, in each leaf.
+    /// Computes the costs of a tree with one triangle, or a piece of one, in each leaf.
     ///
     /// # Panics
     /// Unless the tree's nodes lie before their children.

@@ -131,8 +131,8 @@ impl Leaf<'_> {
     }
 }
 
-/// Added to an id's bits it makes an ordinary number of them. As they are they would be a denormal,
-/// with which some processors compute slowly, and they do lie in lanes that nobody uses.
+/// Added to an id's bits it makes them a normal number. By themselves they would be a denormal, with
+/// which some processors compute slowly, and unused lanes do hold them.
 const NORMAL_BIT: u32 = 1 << 30;
 
 /// Above the rank of every triangle.

@@ -16,7 +16,7 @@
 //! | `tracer` | a hierarchy whose kernel is chosen at run time |
 //! | `simd` | the instruction set |
 //!
-//! The same generic source is compiled for every instruction set and one is chosen at run time. No
+//! One generic source is compiled for every instruction set and one is chosen at run time. No
 //! operation is fused or approximate, so every instruction set gives the same bits, and so does every
 //! way to trace. They are those of [`BruteForce`](crate::geometry::BruteForce) but where rounding puts
 //! a grazing hit before its own box, or a tie between two triangles.
@@ -64,7 +64,7 @@ pub(crate) const WIDTH: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Child(u32);
 
-/// What a child is.
+/// A child, taken apart.
 #[derive(Debug, Clone, Copy)]
 enum ChildKind {
     Node(usize),
@@ -177,7 +177,7 @@ impl<K> Bvh<K> {
     }
 }
 
-/// Asks for a cache line, where the processor can be told.
+/// Asks for a cache line, on processors that have an instruction for it.
 #[inline(always)]
 fn prefetch_line(address: *const i8) {
     #[cfg(target_arch = "x86_64")]

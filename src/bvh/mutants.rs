@@ -127,7 +127,7 @@ fn forget_reach(bvh: &mut Bvh) {
     }
 }
 
-/// The box of one leaf, on every side to one ulp inside of what is in it.
+/// The box of one leaf, shrunk on every side to one ulp inside what it holds.
 fn shrink_a_box(bvh: &mut Bvh) {
     let (node, slot) = a_place(bvh);
     let ChildKind::Leaf(first, count) = bvh.nodes[node].children[slot].kind() else {

@@ -1,7 +1,7 @@
-//! Eight rays down the hierarchy together, as long as they stay together.
+//! The walk of a packet: eight rays down the hierarchy, as long as they stay together.
 //!
 //! A box or a triangle is fetched once for eight rays, and what a processor cannot foresee (is this
-//! box entered?) is decided once for all of them. A ray that is left alone goes on alone (Benthin et
+//! box entered?) is decided once for all of them. A ray that is left over goes on as a single ray (Benthin et
 //! al., *Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the Intel MIC
 //! Architecture*, TVCG 18(9), 2012).
 

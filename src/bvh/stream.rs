@@ -15,7 +15,7 @@ use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, mask8x32, prelude::*, u8x32};
 use glam::Vec3;
 
-/// Rays that go together: all that is known of them fits the first cache, and a number a byte.
+/// Rays per stream: all that is known of them fits the first-level cache, and a ray's number fits a byte.
 const RAYS: usize = 256;
 
 /// Numbers of rays in a register. Behind each list there is room for one.
@@ -41,12 +41,12 @@ struct Visit {
     count: usize,
 }
 
-/// What a thread needs to trace streams.
+/// A thread's memory for tracing streams.
 #[derive(Debug)]
 pub struct Stream {
     rows: Box<Rows>,
     lists: Vec<u8>,
-    /// Of each ray of a list, which boxes it enters.
+    /// For each ray of a list, the boxes that it enters.
     entered: [u8; RAYS],
     visits: Vec<Visit>,
 }

@@ -62,7 +62,7 @@ fn assert_same_as_brute_force<K: LeafKernel>(triangles: &[Triangle], rays: &[Ray
     }
 }
 
-/// The same bits; of exact copies of a triangle any may be named, since a kernel's t of a
+/// Compares bit for bit; of exact copies of a triangle any may be named, since a kernel's t of a
 /// grazing hit can lie so far before the triangle's box that the copy is not visited any more.
 fn assert_same_hit(
     answer: Option<Hit>,

@@ -1,7 +1,7 @@
 //! The walk of one ray down the hierarchy.
 //!
 //! A step asks the processor to foresee as little as it can: which boxes are entered, in which order, and
-//! whether a leaf is hit is told by numbers rather than by branches.
+//! whether a leaf is hit follow from arithmetic rather than from branches.
 
 use super::kernel8::LeafKernel;
 use super::leaf::Leaf;
@@ -16,7 +16,7 @@ use std::hint::select_unpredictable;
 /// A place to visit: the [`order`] of its entry distance above, the child below.
 pub type Entry = u64;
 
-/// What lies below all others on a stack: as near as can be, so that it is never left out.
+/// The entry below all others on a stack: as near as can be, so that it is never left out.
 const END: Entry = 0;
 
 /// The triangle of no hit.
@@ -53,7 +53,7 @@ impl Walk {
         if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
     }
 
-    /// What to visit next, unless the walk [is over](Walk::is_over). What lies behind the nearest hit is
+    /// Takes the next child to visit, unless the walk [is over](Walk::is_over). What lies behind the nearest hit is
     /// left out.
     #[inline(always)]
     pub fn next<const ANY: bool>(&mut self, stack: &[Entry]) -> Child {
@@ -108,7 +108,7 @@ impl Walk {
     ) {
         self.waiting -= 1;
         let ChildKind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
-            unreachable!("whoever is at a node visits it")
+            unreachable!("a walk at a node visits it")
         };
         let leaf = bvh.leaf(first, count);
         let lanes = RayLanes::new(simd, &self.prepared);
@@ -168,7 +168,7 @@ fn push<S: Simd>(simd: S, entered: mask32x8<S>, node: &Node, room: &mut [Entry])
     high.store_slice(&mut room[4..]);
 }
 
-/// The same, farthest first.
+/// Puts the entered children at the front of `room`, farthest first.
 #[inline(always)]
 fn push_far_to_near<S: Simd>(
     simd: S,

@@ -13,7 +13,7 @@ use std::sync::Mutex;
 pub enum Cause {
     /// One patch, hit at two points, both within the derived bounds of the true one.
     Rounding,
-    /// The same, but a boundary between two patches of the triangle lies between the points.
+    /// One triangle, hit at two points within the bounds, with a boundary between two patches between them.
     PatchBoundary,
     /// See [`Verdict::Tie`].
     Tie,
@@ -61,7 +61,7 @@ pub struct Pair<'a> {
     pub peer_is_ours: bool,
 }
 
-/// What of a hit makes a difference to a result.
+/// The part of a hit that makes a difference to a result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Detail {
     /// The patch.

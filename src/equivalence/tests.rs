@@ -70,7 +70,7 @@ impl<C: RayCaster> RayCaster for Shifted<C> {
     }
 }
 
-/// Loses every so-manieth ray, so that asking again gives another answer.
+/// Loses one in 1009 rays, so that asking again gives another answer.
 struct Unsteady<C>(C, AtomicU64);
 
 impl<C: RayCaster> RayCaster for Unsteady<C> {
@@ -120,7 +120,7 @@ fn wrong_answers_are_blamed_on_whose_they_are() {
     assert!(count(&foreign.form_factors, Cause::PeerWrong) > 0, "{foreign:?}");
     assert!(count(&foreign.flat, Cause::PeerWrong) > 0, "{foreign:?}");
     assert_eq!(foreign.failures(), 0);
-    assert!(foreign.sources().next().expect("told").contains("f32::from_bits"));
+    assert!(foreign.sources().next().expect("a source").contains("f32::from_bits"));
 
     let ours = against(|bvh, _| Box::new(Shifted(bvh)), cramer, true);
     assert!(ours.summary.failures() > 0);

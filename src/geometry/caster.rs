@@ -1,4 +1,5 @@
-//! The one seam: whoever needs a ray answered asks a [`RayCaster`] and does not know which.
+//! The interface of every ray tracer: code that needs a ray answered asks a [`RayCaster`], and does not know
+//! which.
 
 use super::{Hit, Ray};
 
@@ -23,7 +24,7 @@ pub trait RayCaster: Send + Sync {
     }
 }
 
-/// So that a caster chosen at run time can be handed to whoever takes any.
+/// Lets a caster chosen at run time be passed where any caster is taken.
 impl<C: RayCaster + ?Sized> RayCaster for &C {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
         (**self).nearest(ray)

@@ -1,4 +1,4 @@
-//! What the two intersection kernels have in common.
+//! The interface that the intersection kernels share.
 
 use super::{Ray, Triangle};
 

@@ -107,7 +107,7 @@ pub fn band_scale(direction: glam::Vec3) -> f32 {
     direction.abs().max_element() * (64.0 * f32::EPSILON / 2.0)
 }
 
-/// What f32 cannot decide: a ray near an edge, or near the triangle's plane.
+/// Intersects where f32 cannot decide: a ray near an edge, or near the triangle's plane.
 ///
 /// The vertices relative to the origin are taken in f64, alike in all triangles that share them; on
 /// which side of an edge the ray passes is then decided exactly. So no ray passes between triangles,

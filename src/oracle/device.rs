@@ -138,7 +138,7 @@ impl Drop for Inner {
     fn drop(&mut self) {
         // SAFETY: the handle is live and this is its only owner: scenes hold a `Device`, so they
         // are gone. Embree itself loses a reference where it runs out of memory, and the device
-        // lives on; so it is told to forget `memory` first.
+        // lives on; so its watch on `memory` ends first.
         unsafe {
             memory::unwatch(self.handle);
             rtcReleaseDevice(self.handle);

@@ -58,7 +58,7 @@ fn last_message() -> Option<String> {
     unsafe { owned(super::layout::rtcGetDeviceLastErrorMessage(ptr::null_mut())) }
 }
 
-/// Before 4.3.3 Embree tells the code alone.
+/// Before 4.3.3 Embree gives the code alone.
 #[cfg(not(embree_last_error_message))]
 fn last_message() -> Option<String> {
     None

@@ -6,9 +6,9 @@
 //! structs from the installed header, and a pointer to them is cast at the call of the crate's
 //! function, which passes it on unread.
 
-/// What bindgen wrote: names and contents are Embree's.
+/// The output of bindgen: names and contents are Embree's.
 #[allow(non_camel_case_types, non_snake_case, non_upper_case_globals, missing_docs, dead_code)]
-// Generated code, with Embree's own comments: nothing in it is ours to mend.
+// Generated code, with Embree's own comments: nothing in it is ours to fix.
 #[allow(clippy::all, rustdoc::all)]
 mod installed {
     include!(concat!(env!("OUT_DIR"), "/embree.rs"));
@@ -28,7 +28,7 @@ const RAY_WORDS: usize = 12;
 /// many as Embree was built for.
 const HIT_WORDS: usize = 7;
 
-/// Of a struct of `$lanes` rays: what Embree's code assumes of any header of version 4.
+/// Checks of a struct of `$lanes` rays what Embree's code assumes of any header of version 4.
 macro_rules! assert_layout {
     ($lanes:literal, $align:literal, $ray:ident, $hit:ident, $both:ident) => {
         const _: () = {

@@ -18,7 +18,7 @@ pub struct Options {
     /// Plücker coordinates, which do not leak at edges, in place of Embree's default
     /// Möller–Trumbore kernel (`RTC_SCENE_FLAG_ROBUST`).
     pub robust: bool,
-    /// What the batched forms of [`RayCaster`](crate::geometry::RayCaster) call.
+    /// The functions that the batched methods of [`RayCaster`](crate::geometry::RayCaster) call.
     pub packets: Packets,
 }
 
@@ -45,7 +45,7 @@ pub struct SceneBuilder {
 struct Content {
     scene: RTCScene,
     device: Device,
-    /// Of each geometry, the number of its first triangle.
+    /// For each geometry, the number of its first triangle.
     first_triangles: Vec<u32>,
     bytes: usize,
 }
@@ -121,7 +121,7 @@ impl EmbreeScene {
         SceneBuilder::new(device, options)?.add_triangles(triangles)?.commit()
     }
 
-    /// The same scene, its batches traced in other packets.
+    /// Shares this scene, with its batches traced in other packets.
     pub fn with_packets(&self, packets: Packets) -> Self {
         let options = Options { packets, ..self.options };
         EmbreeScene { content: Arc::clone(&self.content), options }

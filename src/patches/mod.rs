@@ -44,7 +44,7 @@ impl Subdivision {
     /// first picture.
     pub const DEFAULT_COUNT: usize = 40_000;
 
-    /// What the settings ask for, or the default.
+    /// The subdivision that the settings ask for, or the default.
     pub fn of(settings: &PatchSettings) -> Subdivision {
         match (settings.levels, settings.max_edge) {
             (Some(levels), _) => Subdivision::Levels(levels),
@@ -65,7 +65,7 @@ pub struct Side {
     pub level: u32,
     /// Its 4^level patches are numbered from here.
     pub first: PatchId,
-    /// Of each patch, in square units.
+    /// Area of each patch, in square units.
     pub patch_area: f64,
     /// See [`Triangle::ray_offset`].
     ray_offset: f32,

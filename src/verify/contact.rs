@@ -6,13 +6,13 @@ use crate::geometry::{Ray, Triangle};
 use glam::Vec3;
 use std::cmp::Ordering;
 
-/// What the exact numbers say.
+/// How a ray meets a triangle, in exact numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Contact {
     Miss(Miss),
     /// Hit and miss are both defensible.
     Touching(Touch),
-    /// Inside of the triangle, with t in (`t_min`, `t_max`].
+    /// Inside the triangle, with t in (`t_min`, `t_max`].
     Hit {
         /// t is exactly `t_max`.
         at_end: bool,
@@ -48,7 +48,7 @@ pub enum Touch {
     Degenerate,
 }
 
-/// The truth, and the determinants that it took.
+/// The contact, and the determinants that it took.
 #[derive(Debug, Clone, Copy)]
 pub struct Examined {
     pub contact: Contact,
@@ -62,7 +62,7 @@ enum Place {
     Touching(Touch),
 }
 
-/// The exact truth about one ray and one triangle, of any f32 numbers.
+/// Decides exactly how a ray meets a triangle, for any f32 numbers.
 pub fn examine(ray: &Ray, triangle: &Triangle) -> Examined {
     let cramer = Cramer::new(ray, triangle);
     Examined { contact: decide(ray, triangle, &cramer), cramer }
@@ -154,7 +154,7 @@ fn compare_t(exact: &Signs, cramer: &Cramer, bound: f32) -> Ordering {
     cramer
         .compare_t(bound as f64)
         .or_else(|| exact.t(bound))
-        .expect("a line that meets a triangle outside of its plane crosses the plane")
+        .expect("a line that meets a triangle outside its plane crosses the plane")
 }
 
 /// Which of two triangles' planes the ray meets first; `None` if it is parallel to one.
@@ -281,7 +281,7 @@ mod tests {
         assert_eq!(contact(&no_direction, &UNIT), Contact::Miss(Miss::Beside));
     }
 
-    /// The same truth as in fractions, and f64 numbers that keep their promise.
+    /// Checks the contact against fractions, and that the f64 numbers keep their bounds.
     fn check(ray: &Ray, triangle: &Triangle) -> Contact {
         let Examined { contact, cramer } = examine(ray, triangle);
         assert_eq!(contact, rational::contact(ray, triangle), "{ray:?} {triangle:?}");
@@ -315,7 +315,7 @@ mod tests {
         prop::array::uniform3(small()).prop_map(|p| Triangle { p })
     }
 
-    /// A float of any finite bit pattern, or an ordinary one, or a special one.
+    /// A float of any finite bit pattern, or an everyday one, or a special one.
     fn wild() -> impl Strategy<Value = f32> {
         prop_oneof![
             prop::num::f32::NORMAL | prop::num::f32::SUBNORMAL | prop::num::f32::ZERO,

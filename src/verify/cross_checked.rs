@@ -16,7 +16,7 @@ pub struct CrossChecked<'t, A, B> {
     record: Mutex<Record>,
 }
 
-/// What was seen.
+/// A count of verdicts, with examples of wrong answers.
 #[derive(Debug, Clone, Default)]
 pub struct Record {
     pub tally: Tally,
@@ -42,7 +42,7 @@ impl Record {
         self.note_nearest(judge, ray, native, other, &judgement);
     }
 
-    /// The same, by the referee even if both agree.
+    /// As [`nearest`](Self::nearest), but settled by the referee even if both agree.
     pub fn settle_nearest(
         &mut self,
         judge: &Judge,
@@ -77,7 +77,7 @@ impl Record {
         self.note_occluded(judge, ray, native, other, &judgement);
     }
 
-    /// The same, by the referee even if both agree.
+    /// As [`occluded`](Self::occluded), but settled by the referee even if both agree.
     pub fn settle_occluded(&mut self, judge: &Judge, ray: &Ray, native: bool, other: bool) {
         let judgement = judge.settle_occluded(ray, native, other);
         self.note_occluded(judge, ray, native, other, &judgement);
@@ -122,7 +122,7 @@ impl<'t, A: RayCaster, B: RayCaster> CrossChecked<'t, A, B> {
         CrossChecked { native, other, judge, record: Mutex::default() }
     }
 
-    /// What has been recorded so far.
+    /// A copy of the record so far.
     pub fn record(&self) -> Record {
         self.record.lock().expect("no thread panics while it counts").clone()
     }

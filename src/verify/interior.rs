@@ -1,6 +1,6 @@
-//! Points inside of closed meshes, convex or not.
+//! Points inside closed meshes, convex or not.
 //!
-//! A ray from inside of a closed surface crosses it an odd number of times, whatever its direction, and
+//! A ray from inside a closed surface crosses it an odd number of times, whatever its direction, and
 //! one from outside an even number of times. So the exact count along one ray proves that all rays from
 //! the same point must hit something.
 
@@ -13,7 +13,7 @@ use glam::Vec3;
 /// Directions to try, should a ray touch an edge or a vertex: by chance one does hardly ever.
 const DIRECTIONS: u32 = 8;
 
-/// A point inside of a closed part of a mesh, above or below the middle of a triangle of it.
+/// A point inside a closed part of a mesh, above or below the middle of a triangle of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Inside<'p> {
     pub point: Vec3,
@@ -21,7 +21,7 @@ pub struct Inside<'p> {
     pub part: &'p [TriangleId],
 }
 
-/// Points that so many attempts find inside of a closed part: half of them or fewer.
+/// Points inside a closed part that `attempts` attempts find: half as many or fewer.
 pub fn points_inside<'p>(
     triangles: &[Triangle],
     part: &'p [TriangleId],

@@ -12,13 +12,13 @@ use std::fmt;
 /// Attempts to find points inside, divided among all closed parts.
 const ATTEMPTS: u64 = 4096;
 
-/// Of these, for each part however many there are.
+/// The least number of attempts per closed part, however many parts there are.
 const ATTEMPTS_PER_PART: u64 = 8;
 
 /// Rays that are asked and forgotten together.
 const CHUNK: u64 = 4096;
 
-/// Rays from inside of closed meshes through edges and vertices, and how many of them hit nothing.
+/// Rays from inside closed meshes through edges and vertices, and how many of them hit nothing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leaks {
     pub caster: &'static str,
@@ -89,7 +89,7 @@ impl<'t> Seams<'t> {
         Seams { triangles, topology, starts, fans, seed }
     }
 
-    /// How many of the first so many rays hit nothing.
+    /// The number of the first `rays` rays that hit nothing.
     fn escaped(&self, caster: &(impl RayCaster + ?Sized), single: bool, rays: u64) -> u64 {
         (0..rays.div_ceil(CHUNK))
             .into_par_iter()

@@ -7,14 +7,14 @@
 //! | [`cramer`] | Cramer's determinants for one ray and one triangle in f64, with their rounding |
 //! | [`exact`] | the same determinants' signs, and comparisons of distances, without any rounding |
 //! | [`contact`] | whether one ray meets one triangle: miss, touch or hit, decided exactly |
-//! | [`bounds`] | how far each f32 kernel, ours or Embree's, may stray from that truth |
+//! | [`bounds`] | how far each f32 kernel, ours or Embree's, may stray from it |
 //! | [`referee`] | the truth about one ray and all triangles |
 //! | [`verdict`] | two answers and the truth: agree, tie, touching, precision, or who is wrong |
 //! | [`tally`] | verdicts, counted |
 //! | [`cross_checked`] | two casters asked at once, in the place of one |
 //! | [`rays`] | rays to ask about, ordinary and adversarial |
 //! | [`survey`] | every kind of ray through every pair of casters |
-//! | [`interior`] | points inside of closed meshes of any shape |
+//! | [`interior`] | points inside closed meshes of any shape |
 //! | [`leaks`] | how often a closed mesh lets a ray out |
 //! | [`grid`] | scenes of small integers, on which every bit is demanded |
 //! | [`stress_mesh`] | a mesh of slivers, duplicates, overlaps and the like |

@@ -10,7 +10,7 @@ use crate::sampling::{PointSet, Purpose, Stream, cosine_hemisphere, orthonormal_
 use crate::scene::{Camera, Scene};
 use glam::Vec3;
 
-/// What a ray is meant to try.
+/// The case that a ray is meant to try.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum RayKind {
     /// Cosine-distributed from uniform points of the surfaces, lifted as form factors lift them.

@@ -14,10 +14,10 @@ use std::cmp::Ordering;
 /// Triangles, or boxes, that share a box.
 const FANOUT: usize = 8;
 
-/// Of a box test in f64: a coordinate is off by 3 roundings at most; this is 2¹² times that.
+/// Relative slack of a box test in f64. A coordinate is off by 3 roundings at most; this is 2¹² times that.
 const EXACT_SLACK: f64 = f64::EPSILON * 4096.0;
 
-/// What is left of the slack where all coordinates are zero: less than any f32, but not zero.
+/// The slack that remains where all coordinates are zero: less than any f32, but not zero.
 const PAD: f64 = f32::from_bits(1) as f64 / 4096.0;
 
 /// A triangle that a ray meets, or touches.

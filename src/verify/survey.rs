@@ -20,7 +20,7 @@ pub struct Peer<'a> {
     pub single: bool,
 }
 
-/// What a survey found about one peer.
+/// The result of a survey about one peer.
 #[derive(Debug, Clone)]
 pub struct Finding {
     pub peer: &'static str,
@@ -45,8 +45,8 @@ pub fn sum<'t>(tallies: impl IntoIterator<Item = &'t Tally>) -> Tally {
 /// Rays of one kind that are traced, judged and forgotten together.
 const CHUNK: u64 = 4096;
 
-/// Of the queries in which the casters agree, every so-manieth is settled by the referee too: two
-/// tracers can be wrong alike.
+/// One in this many queries in which the casters agree is settled by the referee too: two tracers can
+/// be wrong alike.
 const AUDIT: usize = 64;
 
 /// Asks the native caster and every peer about `rays` rays, for the nearest hit and for any hit.
@@ -130,7 +130,7 @@ impl Chunk {
     }
 }
 
-/// What one caster says about some rays.
+/// One caster's answers about some rays.
 pub(super) struct Answers {
     pub nearest: Vec<Option<Hit>>,
     pub occluded: Vec<bool>,

@@ -1,4 +1,4 @@
-//! Our own tracer is never wrong, whoever is asked about it.
+//! Our own tracer is never wrong, whichever peer it is held against.
 
 use assert_cmd::Command;
 use serde_json::Value;

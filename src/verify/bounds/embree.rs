@@ -32,7 +32,7 @@ impl Rounding {
     /// ε|V| (its vertices were rounded) and ε|E|, so U by γ₂ of |V|×|V|·|d| for the first and γ₉ of
     /// |E|×|V|·|d| for everything else (1 for the edge, 2 for the sum, 5 for products and sums, 1 to
     /// spare). U + V + W rounds twice, and is 2 det. n is off by γ₂ of |V|×|E| and γ₄ of |E|×|E|; the
-    /// dot products add 3 roundings, and 1 for v₀. A hit is accepted up to 2ε|U + V + W| outside of an
+    /// dot products add 3 roundings, and 1 for v₀. A hit is accepted up to 2ε|U + V + W| outside an
     /// edge. Both quotients use Embree's reciprocal (see `embree_default`); where |U + V + W| < 10⁻¹⁸,
     /// u and v are answered as zero.
     pub(super) fn embree_robust(cramer: &Cramer) -> Self {

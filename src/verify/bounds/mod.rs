@@ -74,7 +74,7 @@ impl Margins {
         Margins { t: f64::INFINITY, u: f64::INFINITY, v: f64::INFINITY, w: f64::INFINITY };
 }
 
-/// What one kernel may answer about one ray and one triangle.
+/// The answers that one kernel may give about one ray and one triangle.
 #[derive(Debug, Clone, Copy)]
 pub struct Bounds {
     arithmetic: Arithmetic,
@@ -83,7 +83,7 @@ pub struct Bounds {
     pub u: f64,
     pub v: f64,
     pub w: f64,
-    /// Of the kernel's numbers.
+    /// Margins of the kernel's numbers.
     pub kernel: Margins,
     /// How near to an edge or an end a hit may be lost: the kernel's margins, and the box test's.
     pub lost: Margins,
@@ -174,7 +174,7 @@ impl Rounding {
     const ANYTHING: Rounding = Rounding { margins: Margins::INFINITE, possible: true };
 }
 
-/// What underflow adds to a determinant: η for each component of a cross product, times the vector
+/// The error that underflow adds to a determinant: η for each component of a cross product, times the vector
 /// that it is multiplied with (any of the four, to cover every grouping), and η/2 for each of three
 /// products of the dot product.
 fn underflow(cramer: &Cramer) -> f64 {

@@ -76,7 +76,7 @@ impl Machine {
         ])
     }
 
-    /// Of two cross products, each component of the one with the smaller products.
+    /// Takes each component from that of two cross products whose products are smaller.
     fn stable_normal(self, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
         let (ab, bc) = (self.cross(a, b), self.cross(b, c));
         let products = |a: Vec3, b: Vec3| Vec3::new(a.z * b.y, a.x * b.z, a.y * b.x).abs();

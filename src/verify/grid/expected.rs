@@ -1,4 +1,4 @@
-//! What a ray of integers meets, computed in integers.
+//! The expected hit of a ray of integers, computed in integers.
 
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use glam::Vec3;

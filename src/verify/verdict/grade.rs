@@ -11,7 +11,7 @@ use std::cmp::Ordering;
 /// How one answer compares with the truth, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Grade {
-    /// What exact arithmetic gives.
+    /// The answer of exact arithmetic.
     Right,
     /// Another triangle lies at exactly the same distance.
     Tie,
@@ -117,7 +117,7 @@ impl Judge<'_> {
         !bounds.may_miss(ray) && bounds.t + bounds.lost.t < t as f64
     }
 
-    /// What another triangle, met by the exact ray, makes of a hit of `own`.
+    /// The grade that another triangle, met by the exact ray, leaves to a hit of `own`.
     fn grade_between(&self, ray: &Ray, met: &Met, own: &Met) -> Grade {
         match (self.referee.compare(ray, met, own), met.contact) {
             (Some(Ordering::Equal), _) => Grade::Tie,

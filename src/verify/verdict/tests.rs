@@ -24,7 +24,7 @@ fn judge(triangles: &[Triangle]) -> Judge<'_> {
     Judge::new(triangles, Arithmetic::MollerTrumbore, Arithmetic::EmbreeDefault)
 }
 
-/// What our kernel answers about one triangle, were it alone.
+/// Our kernel's answer if there were only this triangle.
 fn hit(triangles: &[Triangle], ray: &Ray, index: usize) -> Option<Hit> {
     let hit = BruteForce::<MollerTrumbore>::new(&triangles[index..=index]).nearest(ray);
     hit.map(|hit| Hit { triangle: TriangleId(index as u32), ..hit })
@@ -310,7 +310,7 @@ fn the_kernels_are_never_wrong() {
     assert_eq!(count_wrong(Arithmetic::Plane, &Plane::intersect, true), 0);
 }
 
-/// What a kernel tests: t, u, v and w = 1 − u − v, against the ray's interval.
+/// A kernel's test of t, u, v and w = 1 − u − v, against the ray's interval.
 type Accept = fn([f32; 4], &Ray) -> bool;
 
 /// Our kernel with a fault in its tests.
