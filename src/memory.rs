@@ -2,7 +2,7 @@
 
 use crate::error::{Error, ErrorKind, Result};
 
-/// Memory that can be had without swapping, in bytes; `None` where the system does not tell.
+/// Memory that can be had without swapping, in bytes; `None` where the system does not report it.
 pub fn available() -> Option<u64> {
     let mut system = sysinfo::System::new().ok()?;
     system.refresh_memory();
@@ -11,7 +11,7 @@ pub fn available() -> Option<u64> {
     (free > 0).then_some(free.min(allowed))
 }
 
-/// The most memory that this process has held so far, in bytes. Linux tells it; elsewhere `None`.
+/// The most memory that this process has held so far, in bytes. `None` except on Linux.
 pub fn peak() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -101,7 +101,7 @@ pub fn uniform_triangle(xi0: f32, xi1: f32) -> [f32; 3] {
     [1.0 - root, xi1 * root, root * (1.0 - xi1)]
 }
 
-/// The centroids of the k² equal triangles into which k lines a side divide a triangle.
+/// The centroids of the k² equal triangles into which k lines per side divide a triangle.
 pub fn regular_triangle(k: u32) -> Vec<[f32; 3]> {
     let centroid = |i: u32, j: u32, third: f32| {
         let (u, v) = ((i as f32 + third) / k as f32, (j as f32 + third) / k as f32);
@@ -152,7 +152,7 @@ mod tests {
     const CHANCE: f64 = 6.3e-5;
 
     /// Σ (count − expected)² / expected, over bins that are equally likely. With some hundred
-    /// points a bin it follows the χ² distribution with one degree of freedom less than bins.
+    /// points per bin it follows the χ² distribution with one degree of freedom less than bins.
     fn chi_square(counts: &[u32]) -> f64 {
         let expected = counts.iter().sum::<u32>() as f64 / counts.len() as f64;
         counts.iter().map(|&n| (n as f64 - expected).powi(2) / expected).sum()
@@ -205,7 +205,7 @@ mod tests {
         (0..count).map(move |i| stream.point(i))
     }
 
-    /// 256 points a cell.
+    /// 256 points per cell.
     const TRIANGLE_POINTS: u32 = 256 * (ROWS * ROWS) as u32;
 
     #[test]
@@ -393,7 +393,7 @@ mod tests {
                     }
                 }
             }
-            // Two of the 120 streams of 4 × 96 random bits have equal starts by chance never.
+            // Two of the 120 streams of 4 × 96 random bits never have equal starts by chance.
             for (i, (a, name)) in starts.iter().enumerate() {
                 for (b, other) in &starts[..i] {
                     assert_ne!(a, b, "{set:?}: {name:?} and {other:?} are the same stream");

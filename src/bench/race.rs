@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::time::Instant;
 
-/// The tracer and the kernel that an engine belongs to.
+/// The tracer, and its kernel, that an engine competes for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contender {
     Native,
@@ -15,10 +15,10 @@ pub enum Contender {
     EmbreeRobust,
 }
 
-/// A way to ask for rays.
+/// A tracer and a way to ask it.
 pub struct Engine<'t> {
     pub name: &'static str,
-    pub side: Contender,
+    pub contender: Contender,
     pub caster: &'t (dyn RayCaster + 't),
     /// Whether it is asked in batches rather than ray by ray.
     pub batched: bool,

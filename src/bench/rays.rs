@@ -29,23 +29,23 @@ impl Workload {
     }
 
     /// About `count` rays: for a picture, the next square of tiles.
-    pub fn rays(self, stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
+    pub fn rays(self, scene: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
         match self {
-            Workload::Camera => camera(stage, count),
-            Workload::Incoherent => incoherent(stage, count, seed),
-            Workload::Segments => segments(stage, count, seed),
+            Workload::Camera => camera(scene, count),
+            Workload::Incoherent => incoherent(scene, count, seed),
+            Workload::Segments => segments(scene, count, seed),
         }
     }
 }
 
 const TILE: u32 = 4;
 
-fn camera(stage: &BenchScene, count: u64) -> Vec<Ray> {
+fn camera(scene: &BenchScene, count: u64) -> Vec<Ray> {
     let tiles = ((count as f64).sqrt() / TILE as f64).ceil() as u32;
     let size = (tiles * TILE) as f32;
     let pixel = |tile: u32, k: u32| {
         let (x, y) = (tile % tiles * TILE + k % TILE, tile / tiles * TILE + k / TILE);
-        stage.camera.ray((x as f32 + 0.5) / size, (y as f32 + 0.5) / size, 1.0)
+        scene.camera.ray((x as f32 + 0.5) / size, (y as f32 + 0.5) / size, 1.0)
     };
     (0..tiles * tiles).flat_map(|tile| (0..TILE * TILE).map(move |k| pixel(tile, k))).collect()
 }
@@ -54,8 +54,8 @@ fn stream(seed: u64, index: u64) -> Stream {
     Stream::new(seed, Purpose::Bench, index + 1, PointSet::Random)
 }
 
-fn incoherent(stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
-    let surface = Surface::new(&stage.triangles);
+fn incoherent(scene: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
+    let surface = Surface::new(&scene.triangles);
     let ray = |index| {
         let stream = stream(seed, index);
         let [xi0, xi1, ..] = stream.point(1);
@@ -64,11 +64,11 @@ fn incoherent(stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
     (0..count).into_par_iter().map(ray).collect()
 }
 
-/// Draws before a pair that faces each other is given up: of a room's pairs every second does.
+/// Draws before a pair that faces each other is given up: in a room half of the pairs do.
 const ATTEMPTS: u32 = 64;
 
-fn segments(stage: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
-    let surface = Surface::new(&stage.triangles);
+fn segments(scene: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
+    let surface = Surface::new(&scene.triangles);
     let segment = |index| {
         let stream = stream(seed, index);
         (0..ATTEMPTS).find_map(|attempt| {

@@ -36,7 +36,7 @@ impl BuiltIn {
         }
     }
 
-    pub fn stage(self, seed: u64) -> BenchScene {
+    pub fn scene(self, seed: u64) -> BenchScene {
         let dice = Dice { stream: Stream::new(seed, Purpose::Bench, 0, PointSet::Random), next: 0 };
         let (triangles, eye, target) = match self {
             BuiltIn::Cornell => cornell(),

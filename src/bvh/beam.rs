@@ -1,6 +1,6 @@
-//! A volume that contains all rays of a packet, to test at once which of eight boxes any ray may enter (the
-//! interval arithmetic of Boulos, Wald & Shirley, *Geometric and Arithmetic Culling Methods for Entire Ray
-//! Packets*, Utah UUCS-06-010, 2006).
+//! A volume that contains all rays of a packet, to test at once which of eight boxes any ray may enter
+//! (the interval arithmetic of Boulos, Wald & Shirley, *Geometric and Arithmetic Culling Methods for Entire
+//! Ray Packets*, Utah UUCS-06-010, 2006).
 //!
 //! Rounding is monotone, so what the ranges give, computed as for one ray, bounds what each ray gets.
 

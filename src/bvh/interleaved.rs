@@ -2,7 +2,7 @@
 //!
 //! A ray waits for memory at nearly every step unless the hierarchy fits the caches. So it asks for what
 //! it needs next, and the others go on until it is there. All that are at a node take their step, then
-//! all at a leaf, then all that are finished: so the processor knows what comes next.
+//! all at a leaf, then all that are finished, so that branches are predicted.
 
 use super::kernel8::LeafKernel;
 use super::traverse::{Entry, Walk};

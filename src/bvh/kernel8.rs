@@ -99,7 +99,7 @@ struct Pairs<S: Simd> {
 }
 
 impl<S: Simd> Pairs<S> {
-    /// Which of the pairs in `ray_lanes` meet, and which f32 cannot decide: operation for operation
+    /// Which of the pairs in `lanes` meet, and which f32 cannot decide: operation for operation
     /// what [`MollerTrumbore::intersect`](Kernel::intersect) does.
     #[inline(always)]
     fn intersect<const STOP: bool>(&self, simd: S, lanes: u64) -> (Met<S>, u64) {

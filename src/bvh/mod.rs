@@ -9,7 +9,7 @@
 //! | `met` | the answer of a kernel |
 //! | `ray_lanes`, `traverse` | one ray against eight boxes; its walk |
 //! | `interleaved` | many rays, each a step at a time |
-//! | `packet`, `beam` | eight rays, one per lane; what contains them |
+//! | `packet`, `beam` | eight rays, one per lane; the volume that contains them |
 //! | `packet_walk` | the walk of a packet, as long as its rays stay together |
 //! | `stream` | a batch through a small hierarchy, node by node |
 //! | `batch` | which of these ways a batch takes |

@@ -20,7 +20,7 @@ impl Node {
     };
 
     /// Whether there is a child number `slot`; if not, there is none behind it. Its empty box is never
-    /// hit by one ray, but eight rays ask in another way.
+    /// hit by one ray, but a packet tests the boxes in another way.
     #[inline(always)]
     pub fn has(&self, slot: usize) -> bool {
         self.bounds[0][0][slot] <= self.bounds[0][1][slot]

@@ -97,7 +97,8 @@ impl<S: Simd> Packet<S> {
         }
     }
 
-    /// Keeps what is nearer, or as near and of a lower triangle. If `ANY`, it keeps only that there is a hit.
+    /// Keeps hits that are nearer, or as near and of a lower triangle. If `ANY`, keeps only that there is
+    /// a hit.
     #[inline(always)]
     pub fn keep<const ANY: bool>(&mut self, rank: f32, met: &Met<S>) {
         let rank = f32x8::splat(self.simd, rank);

@@ -1,8 +1,8 @@
 //! The walk of a packet: eight rays down the hierarchy, as long as they stay together.
 //!
-//! A box or a triangle is fetched once for eight rays, and what a processor cannot foresee (is this
-//! box entered?) is decided once for all of them. A ray that is left over goes on as a single ray (Benthin et
-//! al., *Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the Intel MIC
+//! A box or a triangle is fetched once for eight rays, and a branch that a processor cannot predict (is this
+//! box entered?) is taken once for all of them. A ray that is left over goes on as a single ray (Benthin
+//! et al., *Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the Intel MIC
 //! Architecture*, TVCG 18(9), 2012).
 
 use super::beam::Beam;
@@ -14,7 +14,8 @@ use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, prelude::*};
 
-/// From this node on a packet knows its [`Beam`]. From the first on it cost the Cornell box a third.
+/// From this node on, counted per packet, the packet's [`Beam`] is tested too. From the first node on it
+/// cost the Cornell box a third of its rate.
 const BEAM_FROM_NODE: u32 = 6;
 
 /// A child, the rays that have to visit it (as a mask), and where the first of them enters.
@@ -54,7 +55,7 @@ pub fn trace_packet<S: Simd, K: LeafKernel, const ANY: bool>(
             0 => {}
             1 => {
                 let lane = active.trailing_zeros() as usize;
-                go_on_single::<S, K, ANY>(
+                continue_single::<S, K, ANY>(
                     &mut packet,
                     &rays[lane],
                     bvh,
@@ -135,7 +136,7 @@ fn push_entered<S: Simd, K>(
 
 /// One ray of the packet through everything below `child`.
 #[inline(always)]
-fn go_on_single<S: Simd, K: LeafKernel, const ANY: bool>(
+fn continue_single<S: Simd, K: LeafKernel, const ANY: bool>(
     packet: &mut Packet<S>,
     ray: &Ray,
     bvh: &Bvh<K>,

@@ -1,8 +1,8 @@
 //! A whole batch down a small hierarchy, node by node (after Barringer & Akenine-Möller, *Dynamic Ray
 //! Stream Traversal*, TOG 33(4), 2014).
 //!
-//! One ray's way through a few boxes is over before the processor has learnt where it leads: nearly
-//! every branch is taken by surprise. Here each node sends the numbers of the rays that enter its
+//! One ray's way through a few boxes is over before the branch predictor has learnt it: nearly every
+//! branch is mispredicted. Here each node sends the numbers of the rays that enter its
 //! children to their lists, without a branch, and a leaf takes its list eight rays at a time.
 
 use super::kernel8::LeafKernel;
@@ -15,7 +15,7 @@ use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, mask8x32, prelude::*, u8x32};
 use glam::Vec3;
 
-/// Rays per stream: all that is known of them fits the first-level cache, and a ray's number fits a byte.
+/// Rays per stream: their data fits the first-level cache, and a ray's number fits a byte.
 const RAYS: usize = 256;
 
 /// Numbers of rays in a register. Behind each list there is room for one.

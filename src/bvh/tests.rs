@@ -138,7 +138,7 @@ fn more_rays_pay_for_more_effort() {
 
 #[test]
 fn the_hierarchy_is_the_same_whatever_the_number_of_threads() {
-    // Enough for whatever the builder does in another way when there is much of it.
+    // Enough for whatever the builder does differently with many triangles.
     let triangles = soup(520_000, 11);
     let build = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
@@ -194,7 +194,7 @@ fn rays_that_stay_together_are_answered_as_if_they_were_alone() {
             let across = Vec3::new(0.0, (i % 8) as f32 * 0.02, (i / 8) as f32 * 0.005 - 0.4);
             Ray::new(eye, Vec3::X + across)
         };
-        // Not a multiple of eight, with a broken ray among them in every lane and in every way.
+        // Not a multiple of eight, with a broken ray among them in every lane, and broken in every way.
         let mut rays: Vec<Ray> = (0..1021).map(beam).collect();
         for (i, ray) in rays.iter_mut().enumerate().filter(|(i, _)| i % 25 == 4) {
             let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][i / 25 % 3];

@@ -1,7 +1,7 @@
 //! The walk of one ray down the hierarchy.
 //!
-//! A step asks the processor to foresee as little as it can: which boxes are entered, in which order, and
-//! whether a leaf is hit follow from arithmetic rather than from branches.
+//! A step leaves the branch predictor as little to guess as it can: which boxes are entered, in which order,
+//! and whether a leaf is hit follow from arithmetic rather than from branches.
 
 use super::kernel8::LeafKernel;
 use super::leaf::Leaf;
@@ -28,7 +28,7 @@ pub const NOTHING: TriangleId = TriangleId(u32::MAX);
 pub struct Walk {
     prepared: PreparedRay,
     nearest: Hit,
-    /// Entries on its stack, the end included.
+    /// Entries on its stack, including the end.
     waiting: usize,
 }
 
@@ -53,8 +53,8 @@ impl Walk {
         if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
     }
 
-    /// Takes the next child to visit, unless the walk [is over](Walk::is_over). What lies behind the nearest hit is
-    /// left out.
+    /// Takes the next child to visit, unless the walk [is over](Walk::is_over). Children behind the nearest
+    /// hit are left out.
     #[inline(always)]
     pub fn next<const ANY: bool>(&mut self, stack: &[Entry]) -> Child {
         if ANY {

@@ -77,7 +77,7 @@ fn pool(threads: u32) -> Result<ThreadPool> {
 /// A built-in scene by its name, or a file.
 fn stage(scene: &Path, seed: u64) -> Result<BenchScene> {
     if let Some(built_in) = BuiltIn::ALL.into_iter().find(|b| Path::new(b.name()) == scene) {
-        return Ok(built_in.stage(seed));
+        return Ok(built_in.scene(seed));
     }
     let description = Document::open(scene)?;
     let loaded = Scene::load(&description)?;
@@ -159,8 +159,18 @@ fn measure(
         embree_bytes: casters.bytes,
     });
     let mut engines = vec![
-        Engine { name: "native single", side: Contender::Native, caster: &native, batched: false },
-        Engine { name: "native batched", side: Contender::Native, caster: &native, batched: true },
+        Engine {
+            name: "native single",
+            contender: Contender::Native,
+            caster: &native,
+            batched: false,
+        },
+        Engine {
+            name: "native batched",
+            contender: Contender::Native,
+            caster: &native,
+            batched: true,
+        },
     ];
     engines.extend(casters.engines());
     let bars = Bars::new();
@@ -190,9 +200,10 @@ fn compete(
         Workload::Segments => Query::Occluded,
     };
     let rates = pool.install(|| race(engines, rays, query, rounds));
-    let best = |side| {
-        let of_side = engines.iter().zip(&rates).filter(|(engine, _)| engine.side == side);
-        of_side.map(|(_, rates)| rates.median).max_by(f64::total_cmp)
+    let best = |contender| {
+        let of_contender =
+            engines.iter().zip(&rates).filter(|(engine, _)| engine.contender == contender);
+        of_contender.map(|(_, rates)| rates.median).max_by(f64::total_cmp)
     };
     let native = best(Contender::Native).expect("the native engines take part");
     let (embree_best, embree_robust_best) =
@@ -237,17 +248,17 @@ mod embree {
     pub fn oracle_casters(stage: &BenchScene) -> Result<Casters> {
         let device = Device::new("")?;
         let mut casters = Casters { bytes: None, all: Vec::new() };
-        for (side, names) in [
+        for (contender, names) in [
             (Contender::Embree, ["Embree 1", "Embree 8", "Embree 16"]),
             (Contender::EmbreeRobust, ["Embree robust 1", "Embree robust 8", "Embree robust 16"]),
         ] {
-            let robust = side == Contender::EmbreeRobust;
+            let robust = contender == Contender::EmbreeRobust;
             let options = Options { robust, packets: Packets::Single };
             let scene = EmbreeScene::build(&device, &stage.triangles, options)?;
             casters.bytes.get_or_insert(scene.bytes());
             let packets = [Packets::Single, Packets::Packet8, Packets::Packet16];
             for (name, packets) in names.into_iter().zip(packets) {
-                casters.all.push((name, side, scene.with_packets(packets)));
+                casters.all.push((name, contender, scene.with_packets(packets)));
             }
         }
         Ok(casters)
@@ -255,9 +266,9 @@ mod embree {
 
     impl Casters {
         pub fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
-            self.all.iter().map(|(name, side, scene)| Engine {
+            self.all.iter().map(|(name, contender, scene)| Engine {
                 name,
-                side: *side,
+                contender: *contender,
                 caster: scene,
                 batched: true,
             })

@@ -13,7 +13,7 @@ use std::sync::Mutex;
 pub enum Cause {
     /// One patch, hit at two points, both within the derived bounds of the true one.
     Rounding,
-    /// One triangle, hit at two points within the bounds, with a boundary between two patches between them.
+    /// One triangle, hit at two points within the bounds, with a patch boundary between them.
     PatchBoundary,
     /// See [`Verdict::Tie`].
     Tie,

@@ -2,8 +2,8 @@
 //!
 //! With one seed both tracers are asked about the same rays. What comes of their answers (form
 //! factors, direct light, coverage, pixels) is compared number by number; whatever differs is made
-//! once more, with a caster in its place that asks both and lets the exact referee
-//! settle each answer that differs. Both pictures are drawn with the native solution, so that a
+//! once more, with a comparing caster in the tracer's place, which asks both tracers and lets the exact
+//! referee settle each answer that differs. Both pictures are drawn with the native solution, so that a
 //! pixel differs by its own rays alone; what the other solution would have changed is kept apart.
 
 mod comparing_caster;
@@ -35,7 +35,7 @@ use std::collections::BTreeMap;
 /// The pipeline that is run on both tracers.
 pub struct Pipeline<'a> {
     pub mesh: &'a PatchMesh,
-    /// Settings of the light; `method` must be hemisphere, the only one whose rays can hit something else.
+    /// Settings of the light. `method` must be hemisphere, the only one whose rays can hit something else.
     pub settings: Choices,
     pub camera: &'a Camera,
     pub frame: Frame,
@@ -67,7 +67,8 @@ impl Compared {
 pub struct Solutions {
     pub total: u64,
     pub differing: u64,
-    /// The largest difference of a patch's radiosity, in its worst channel, relative to its brightest one.
+    /// The largest difference of a patch's radiosity, in its worst channel, relative to its brightest
+    /// one.
     pub largest_relative_difference: f64,
     /// Those that differ although the equations do not.
     pub unexplained: u64,

@@ -1,5 +1,5 @@
-//! The interface of every ray tracer: code that needs a ray answered asks a [`RayCaster`], and does not know
-//! which.
+//! The interface of every ray tracer: code that needs a ray answered asks a [`RayCaster`], and does not
+//! know which.
 
 use super::{Hit, Ray};
 

@@ -1,4 +1,4 @@
-//! Embree as oracle: another ray tracer, by other people, behind the same [`RayCaster`] seam.
+//! Embree as oracle: another ray tracer, by other people, behind the same [`RayCaster`] interface.
 //!
 //! A [`Device`] makes a [`SceneBuilder`], which takes triangles and, committed, becomes an
 //! [`EmbreeScene`]; only that can be traced. Every Embree object is released when its owner is

@@ -135,7 +135,7 @@ impl EmbreeScene {
         &self.content.device
     }
 
-    /// Memory that Embree took for this scene, its copy of the triangles included, in bytes.
+    /// Memory that Embree took for this scene, including its copy of the triangles, in bytes.
     pub fn bytes(&self) -> usize {
         self.content.bytes
     }

@@ -251,7 +251,7 @@ fn soup(count: u32, seed: u64) -> Vec<Triangle> {
         .collect()
 }
 
-/// From anywhere in the cube towards a point of some triangle; every third ends on the way.
+/// From anywhere in the cube towards a point of some triangle; one in three ends on the way.
 fn rays(count: u32, seed: u64, triangles: &[Triangle]) -> Vec<Ray> {
     let stream = Stream::new(seed, Purpose::Pixel, 1, PointSet::Random);
     (0..count)

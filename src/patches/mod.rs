@@ -124,7 +124,7 @@ impl PatchMesh {
         Ok(PatchMesh::with_levels(scene, &levels))
     }
 
-    /// As `subdivide`, with a level for each triangle: what [`PatchMesh::levels`] gave.
+    /// As `subdivide`, with a level for each triangle, as [`PatchMesh::levels`] gives them.
     ///
     /// # Errors
     /// Another number of levels than of triangles, a level above [`MAX_LEVEL`], or more patches than can
@@ -207,7 +207,7 @@ impl PatchMesh {
         self.side_of_patch[patch.index()] as usize
     }
 
-    /// In square units.
+    /// Area of the patch, in square units.
     #[inline]
     pub fn area(&self, patch: PatchId) -> f64 {
         self.side(patch).patch_area

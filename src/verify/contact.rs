@@ -42,9 +42,9 @@ pub enum Touch {
     /// The line meets exactly one vertex, with t in the interval.
     Vertex,
     /// The line runs in the triangle's plane and meets the triangle, along a whole stretch of t;
-    /// the interval is not asked.
+    /// the interval is not checked.
     Coplanar,
-    /// The triangle has no area and lies in one plane with the line; the interval is not asked.
+    /// The triangle has no area and lies in one plane with the line; the interval is not checked.
     Degenerate,
 }
 
@@ -178,8 +178,8 @@ pub fn compare(
     compare_distances(ray, first, second)
 }
 
-/// Whether the line meets the corner, or the line through the two corners, that two triangles share:
-/// what most ties are. A line that crosses both planes then crosses them there, at one t.
+/// Whether the line meets the corner, or the line through the two corners, that two triangles share, as in
+/// most ties. A line that crosses both planes then crosses them there, at one t.
 fn meets_shared_corners(ray: &Ray, first: &Triangle, second: &Triangle) -> bool {
     let mut shared = first.p.iter().filter(|p| second.p.contains(p));
     let to = |p: &Vec3| Difference::new(*p, ray.origin);

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 /// Asks both casters every question, records how their answers compare, and returns the native one.
 ///
 /// Put in the place of a caster, it checks every ray of the real pipeline. Answers that agree cost a
-/// few additions on top of the second caster; tallies are merged once a batch.
+/// few additions on top of the second caster; tallies are merged once per batch.
 pub struct CrossChecked<'t, A, B> {
     pub native: A,
     pub other: B,
@@ -26,7 +26,7 @@ pub struct Record {
     pub both_ours: bool,
 }
 
-/// Failures that are kept in words: more of them say nothing new.
+/// Failures that are kept in words: more would say nothing new.
 const FAILURES_KEPT: usize = 8;
 
 impl Record {

@@ -114,7 +114,7 @@ impl<'t> Seams<'t> {
         let corners = self.triangles[aim.index()].p;
         let first = *pick(&[0, 1, 2], z);
         let (p, q) = (corners[first], corners[(first + 1) % 3]);
-        // Every fourth at the vertex itself, the others along the edge.
+        // One in four at the vertex itself, the others along the edge.
         let target = if a < 0.25 { p } else { p.lerp(q, b) };
         Ray::new(start.point, target - start.point)
     }

@@ -72,7 +72,8 @@ fn rank(vectors: &[&Vector]) -> usize {
     eliminate(&mut rows, 3)
 }
 
-/// The contact that [`examine`](super::contact::examine) must find. All numbers but `t_max` must be finite.
+/// The contact that [`examine`](super::contact::examine) must find. All numbers but `t_max` must be
+/// finite.
 pub fn contact(ray: &Ray, triangle: &Triangle) -> Contact {
     let Some(Meeting { t, u, v }) = meeting(ray, triangle) else { return parallel(ray, triangle) };
     let barycentrics = [BigRational::one() - &u - &v, u, v];

@@ -2,7 +2,7 @@
 //!
 //! Ordinary rays are those that rendering casts. Adversarial ones aim at what goes wrong in ray tracers:
 //! edges and vertices, planes seen edge-on, zeros and denormals in the direction, origins on surfaces
-//! or far away, intervals that end exactly at a hit, and numbers that are none.
+//! or far away, intervals that end exactly at a hit, and NaN or infinity.
 
 use crate::geometry::surface::{Point, Surface};
 use crate::geometry::{Kernel, MollerTrumbore, Ray, Triangle};
@@ -75,7 +75,7 @@ impl RayKind {
         }
     }
 
-    /// Share of the rays, in parts: half of them are the ordinary ones.
+    /// Share of the rays, in parts: half of the rays are ordinary.
     pub fn parts(self) -> u64 {
         match self {
             RayKind::Surface | RayKind::Segment => 4,

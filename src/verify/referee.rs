@@ -14,7 +14,8 @@ use std::cmp::Ordering;
 /// Triangles, or boxes, that share a box.
 const FANOUT: usize = 8;
 
-/// Relative slack of a box test in f64. A coordinate is off by 3 roundings at most; this is 2¹² times that.
+/// Relative slack of a box test in f64. A coordinate is off by 3 roundings at most; this is 2¹² times
+/// that.
 const EXACT_SLACK: f64 = f64::EPSILON * 4096.0;
 
 /// The slack that remains where all coordinates are zero: less than any f32, but not zero.
@@ -66,8 +67,8 @@ impl<'t> Referee<'t> {
         examine(ray, self.triangle(id))
     }
 
-    /// Every triangle that the ray hits or touches, in the scene's order. Of those in one plane with
-    /// the line (coplanar or degenerate) only what has a box that the ray meets.
+    /// Every triangle that the ray hits or touches, in the scene's order. Those in one plane with the
+    /// line (coplanar or degenerate) count only if the ray meets their box.
     pub fn met(&self, ray: &Ray) -> Vec<Met> {
         let mut met = Vec::new();
         for id in self.near(ray, EXACT_SLACK) {
@@ -147,7 +148,7 @@ fn morton_order(triangles: &[Triangle]) -> Vec<TriangleId> {
     order
 }
 
-/// Bounds without any rounding. Of nothing: `min` above `max`, which no ray meets.
+/// Bounds without any rounding. Those of no points have `min` above `max`, and no ray meets them.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
     min: Vec3,

@@ -1,4 +1,4 @@
-//! A mesh of what ray tracers dislike: slivers, needles, the tiny beside the huge, duplicates, coplanar
+//! The stress mesh, made of what breaks ray tracers: slivers, needles, the tiny beside the huge, duplicates, coplanar
 //! overlaps, intersections, triangles without area.
 
 use crate::geometry::{BruteForce, MollerTrumbore, Triangle};
@@ -6,7 +6,7 @@ use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::{Camera, Material, MaterialId, Scene};
 use glam::Vec3;
 
-/// How many triangles: few enough for brute force, enough for a hierarchy of three levels.
+/// Number of triangles: few enough for brute force, enough for a hierarchy of three levels.
 const TRIANGLES: u32 = 320;
 
 /// The mesh of a seed, with a camera that looks at it.
@@ -68,7 +68,7 @@ mod tests {
         let count =
             |is_so: &dyn Fn(&Triangle) -> bool| triangles.iter().filter(|t| is_so(t)).count();
         let width = |t: &Triangle| 2.0 * t.area() / t.longest_edge().powi(2);
-        // Each tenth triangle is of one sort, and some are copied.
+        // One in ten triangles is of each sort, and some are copied.
         let voids = count(&|t| t.area() == 0.0);
         let slivers = count(&|t| width(t) < 2e-3 && t.area() > 0.0);
         let huge = count(&|t| t.longest_edge() > 1e3);

@@ -3,12 +3,12 @@
 //! ε = 2⁻²⁴ is the unit roundoff, γₙ = nε/(1 − nε) bounds n roundings in a row (Higham, *Accuracy
 //! and Stability of Numerical Algorithms*, 2nd ed., lemma 3.1), η = 2⁻¹⁴⁹ is the smallest denormal.
 //! |a|×|b| stands for the cross product whose products are made positive and added. Fused
-//! multiply-adds only leave roundings out, so no bound here minds them. Denormals must not be
+//! multiply-adds only leave roundings out, so every bound here holds with them. Denormals must not be
 //! flushed to zero (Embree leaves that to the program that calls it).
 //!
 //! A sum of products in which at most n roundings meet in any product is off by at most γₙ times the
-//! sum of the products' absolute values: the `abs` of a [`ProductSum`](super::cramer::ProductSum). All kernels but
-//! [`Arithmetic::EmbreeRobust`] sum the same six products for each determinant, grouped one way or
+//! sum of the products' absolute values: the `abs` of a [`ProductSum`](super::cramer::ProductSum). All
+//! kernels but [`Arithmetic::EmbreeRobust`] sum the same six products for each determinant, grouped one way or
 //! another: 1 rounding for each difference (o − p₀, e₁, e₂), 1 for each of two products, 1 for the
 //! cross product's sum and 2 for the dot product's. So γ₇ for det, u and v, with two differences,
 //! and γ₈ for t, with three.
@@ -174,9 +174,9 @@ impl Rounding {
     const ANYTHING: Rounding = Rounding { margins: Margins::INFINITE, possible: true };
 }
 
-/// The error that underflow adds to a determinant: η for each component of a cross product, times the vector
-/// that it is multiplied with (any of the four, to cover every grouping), and η/2 for each of three
-/// products of the dot product.
+/// The error that underflow adds to a determinant: η for each component of a cross product, times the
+/// vector that it is multiplied with (any of the four, to cover every grouping), and η/2 for each of
+/// three products of the dot product.
 fn underflow(cramer: &Cramer) -> f64 {
     let sum = cramer.d.abs() + cramer.s.abs() + cramer.e1.abs() + cramer.e2.abs();
     ETA * (sum.element_sum() + 2.0) * (1.0 + gamma(8.0))

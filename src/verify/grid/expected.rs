@@ -14,7 +14,7 @@ pub fn nearest(ray: &Ray, triangles: &[Triangle]) -> Option<Hit> {
     hits.reduce(|nearest, hit| if hit.t < nearest.t { hit } else { nearest })
 }
 
-/// (t, u, v) correctly rounded, edges and vertices included; `None` also in the triangle's plane.
+/// (t, u, v) correctly rounded, including edges and vertices; `None` also in the triangle's plane.
 ///
 /// u, v and w are, up to one factor, the volumes that the ray spans with the edges opposite to them:
 /// another way to them than the kernel's.

@@ -39,7 +39,7 @@ pub enum Verdict {
 pub struct Judgement {
     pub verdict: Verdict,
     pub native: Grade,
-    /// The peer's; what exact arithmetic gives, if there is no peer.
+    /// The peer's grade; `Right` if there is no peer.
     pub other: Grade,
     /// A triangle that refutes a wrong answer.
     pub counterexample: Option<TriangleId>,

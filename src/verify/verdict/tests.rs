@@ -249,7 +249,7 @@ fn the_case_is_printed_as_source_with_its_triangles_renumbered() {
     assert_eq!(lines[7], format!("let other = {};", source::hit(other, 0)));
 }
 
-/// Triangles of many sizes and shapes, and each seventh of them twice.
+/// Triangles of many sizes and shapes, and one in seven of them twice.
 fn soup(count: u32) -> Vec<Triangle> {
     let stream = Stream::new(1, Purpose::Pair, 0, PointSet::Random);
     let vector = |i| Vec3::from_slice(&stream.point(i)[..3]) * 2.0 - 1.0;
