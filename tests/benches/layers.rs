@@ -77,7 +77,9 @@ fn gather_once_through_2304_rows(bencher: Bencher) {
     let estimator = Estimator::new(&tracer, &mesh, 256, PointSet::Sobol, 1, &());
     let rows = FormFactors::Rows(estimator.hemisphere_rows());
     let radiosity = vec![isolux::color::Rgb64::ONE; mesh.len()];
-    let gather = |i| drop(black_box(rows.gather_row(PatchId(i), &radiosity)));
+    let gather = |i| {
+        black_box(rows.gather_row(PatchId(i), &radiosity));
+    };
     bencher.bench(|| (0..mesh.len() as u32).for_each(gather));
 }
 
