@@ -84,7 +84,7 @@ mod embree {
         ["MAJOR", "MINOR", "PATCH"].map(number).join(".")
     }
 
-    /// The one message that whoever lacks something gets.
+    /// The one message for everything that may be missing.
     fn missing(found: &str) -> String {
         format!("feature `embree` wants {WANTED} and libclang, but {found}; {REMEDY}")
     }

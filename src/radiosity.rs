@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Clone, Copy)]
 pub struct Choices {
     pub method: Method,
-    /// Samples a pair, or rays a patch.
+    /// Samples per pair, or rays per patch.
     pub samples: u32,
     pub points: PointSet,
     /// Points of the emitters sampled for each patch's direct light; 0 lets the form factors carry
@@ -48,7 +48,7 @@ const DIRECT_SAMPLES: u32 = 64;
 const TOLERANCE: f64 = 1e-4;
 
 impl Choices {
-    /// What the settings ask for, and the defaults that suit the patches.
+    /// Fills in what the settings leave open by the defaults that suit the patches.
     ///
     /// # Errors
     /// A number of regular points that is no square.
@@ -102,7 +102,7 @@ pub struct Energy {
     /// By the black backs of one-sided triangles. `None` where the form factors do not tell it from what
     /// escaped, as those between pairs.
     pub on_backs: Option<Rgb64>,
-    /// What left the scene, and what met backs where that is not known apart.
+    /// By rays that left the scene; with `on_backs` unknown, also by those that met backs.
     pub escaped: Rgb64,
 }
 
@@ -119,7 +119,7 @@ pub struct Radiosity {
     /// Σ_j F_ij: the largest departure from 1 over the rows that were needed, and over the rows that
     /// shooting made of them by reciprocity.
     pub row_sum_defect: f64,
-    /// The same, as a mean weighted by area over the rows that were needed.
+    /// Σ A |Σ_j F_ij − 1| / Σ A over the rows that were needed.
     pub mean_row_sum_defect: f64,
     /// See [`Defects::reciprocity`]; `None` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
@@ -129,7 +129,7 @@ pub struct Radiosity {
     pub solve_time: Duration,
 }
 
-/// What is kept per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
+/// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
 /// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies.
 const BYTES_PER_PATCH: u64 = 320;
 

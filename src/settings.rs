@@ -1,6 +1,6 @@
 //! How light is solved: one set of options for scene descriptions, the command line and programs.
 //!
-//! Nothing is filled in here, so that what was asked for can be told from a default; the defaults come in
+//! Nothing is filled in here, so that what was asked for differs from a default; the defaults come in
 //! where the options are put to use, in [`Choices::new`](crate::radiosity::Choices::new).
 
 use crate::error::{Error, Result};
@@ -31,12 +31,12 @@ pub enum Solver {
     Southwell,
 }
 
-/// What a user can ask for.
+/// The options that a user can set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     pub patches: PatchSettings,
     pub light: LightSettings,
-    /// Of all random numbers.
+    /// The seed of all random numbers.
     pub seed: u64,
 }
 

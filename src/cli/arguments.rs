@@ -24,7 +24,7 @@ pub struct RenderArguments {
     #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Picture")]
     pub size: Option<[u32; 2]>,
 
-    /// Samples a pixel [default: the scene's, else 16]
+    /// Samples per pixel [default: the scene's, else 16]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20),
           help_heading = "Picture")]
     pub spp: Option<u32>,
@@ -115,7 +115,7 @@ impl LightArguments {
     }
 }
 
-/// What every run can be told.
+/// Options that every run has.
 #[derive(clap::Args)]
 pub struct RunArguments {
     /// Ray–triangle intersection: the triangle's plane first, or Cramer's rule at once

@@ -90,7 +90,7 @@ fn stage(scene: &Path, seed: u64) -> Result<BenchScene> {
     Ok(BenchScene { name: description.title, triangles, camera })
 }
 
-/// What was measured, for programs.
+/// The measurements, for programs.
 #[derive(Default, Serialize)]
 struct Report {
     oracle: String,
@@ -111,7 +111,7 @@ struct Build {
     embree_bytes: Option<usize>,
 }
 
-/// One scene, one kind of rays, one number of threads. Rates are in millions of rays a second.
+/// One scene, one kind of rays, one number of threads. Rates are in millions of rays per second.
 #[derive(Serialize)]
 struct Outcome {
     scene: String,
@@ -127,7 +127,7 @@ struct Outcome {
     engines: Vec<Rates>,
 }
 
-/// Each side builds its hierarchy at most so many times.
+/// Each side builds its hierarchy at most this many times.
 const BUILDS: u32 = 5;
 
 fn median(mut seconds: Vec<f64>) -> Option<f64> {
@@ -237,7 +237,7 @@ mod embree {
         Ok(Device::new("")?.description())
     }
 
-    /// Of Embree's default kernel, at its highest quality.
+    /// The time that Embree's default kernel takes, at its highest quality.
     pub fn oracle_build_seconds(stage: &BenchScene) -> Result<Option<f64>> {
         let device = Device::new("")?;
         let start = Instant::now();

@@ -14,7 +14,7 @@ use crate::solution::Solution;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What is to be solved, and how.
+/// A scene's patches, and how their light is to be solved.
 pub(super) struct Plan {
     file: PathBuf,
     mesh: PatchMesh,

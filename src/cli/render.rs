@@ -171,7 +171,7 @@ fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf
     path.with_file_name(file)
 }
 
-/// What to draw, if so many images of it fit into memory. What is not given the scene says.
+/// The frame, if this many images of it fit into memory. The scene fills in what is not given.
 pub(super) fn frame(
     size: Option<[u32; 2]>,
     samples: Option<u32>,
@@ -194,7 +194,7 @@ pub(super) fn frame(
     )?;
     let samples = samples.or(image.samples).unwrap_or(Frame::SAMPLES);
     if samples == 0 {
-        return Err(Error::new("0 samples a pixel").remedy("give at least one"));
+        return Err(Error::new("0 samples per pixel").remedy("give at least one"));
     }
     Ok(Frame { width, height, samples, seed })
 }

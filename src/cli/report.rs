@@ -1,4 +1,4 @@
-//! What a run did: a few lines for people, a JSON file for programs.
+//! The report of a run: a few lines for people, a JSON file for programs.
 
 use crate::color::Rgb64;
 use crate::memory;
@@ -27,7 +27,7 @@ pub struct Report {
     pub iterations: u64,
     /// The largest |Σ_j F_ij − 1|.
     pub row_sum_defect: f64,
-    /// The same, as a mean weighted by area.
+    /// Σ A |Σ_j F_ij − 1| / Σ A.
     pub mean_row_sum_defect: f64,
     /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `null` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
@@ -70,7 +70,7 @@ impl From<Energy> for EnergyBalance {
 }
 
 impl Report {
-    /// The figures of a run with this solution, before anything is drawn. `rays` are still to be told.
+    /// The figures of a run with this solution, before anything is drawn. The caller fills in `rays`.
     pub fn new<'p>(
         solution: &Solution,
         seconds: Seconds,

@@ -30,11 +30,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// Above so many triangles brute force is too slow to be asked.
+/// Above this many triangles brute force is too slow to be asked.
 const BRUTE_FORCE_TRIANGLES: usize = 1000;
 
 /// Wrong answers that are printed as source for a test: enough to begin with.
-const FAILURES_TOLD: usize = 4;
+const FAILURES_PRINTED: usize = 4;
 
 /// Trace rays, ordinary and adversarial, through every tracer there is, and let an exact referee settle
 /// every difference. Exit code 1 if our own tracer is ever wrong.
@@ -71,7 +71,7 @@ pub struct Arguments {
     embree_isa: Option<IsaName>,
 }
 
-/// What `--embree-isa` takes.
+/// The values of `--embree-isa`.
 #[cfg(feature = "embree")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum IsaName {
@@ -179,16 +179,16 @@ fn conclude(report: &Report, findings: &[Finding]) -> ExitCode {
     let grid = report.built_in.grid.iter().filter(|finding| finding.is_native);
     let failures = findings.iter().map(|finding| finding.total().failures()).sum::<u64>()
         + grid.clone().map(|finding| finding.wrong).sum::<u64>();
-    let told = findings.iter().flat_map(|f| f.failures.iter().map(|failure| (f.peer, failure)));
+    let failing = findings.iter().flat_map(|f| f.failures.iter().map(|failure| (f.peer, failure)));
     let on_grid = grid.flat_map(|f| f.failures.iter().map(|failure| (f.caster, failure)));
-    for (peer, failure) in told.take(FAILURES_TOLD) {
+    for (peer, failure) in failing.take(FAILURES_PRINTED) {
         complain(&format!("\nagainst {peer}:\n{failure}"));
     }
-    for (caster, failure) in on_grid.take(FAILURES_TOLD) {
+    for (caster, failure) in on_grid.take(FAILURES_PRINTED) {
         complain(&format!("\n{caster} on the integer grid:\n{failure}"));
     }
     let summary = report.pipeline.as_ref().map(|pipeline| &pipeline.summary);
-    for source in summary.into_iter().flat_map(Summary::sources).take(FAILURES_TOLD) {
+    for source in summary.into_iter().flat_map(Summary::sources).take(FAILURES_PRINTED) {
         complain(&format!("\nin the pipeline:\n{source}"));
     }
     let unequal = summary.map_or(0, Summary::failures);
@@ -324,7 +324,7 @@ struct Report {
     built_in: BuiltIn,
 }
 
-/// What was found on the scenes that are built in.
+/// Findings on the scenes that are built in.
 #[derive(Serialize)]
 struct BuiltIn {
     /// The mesh of slivers, duplicates and overlaps, per caster; not in the totals.

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// What is to be written where.
+/// A file to be written.
 pub struct Output {
     pub path: PathBuf,
     pub bytes: Vec<u8>,
@@ -44,7 +44,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 /// # Errors
 /// With the path and the remedy.
 pub fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
-    // A file that is not there yet is told by its folder and name.
+    // A file that is not there yet is known by its folder and name.
     let place = |path: &Path| {
         std::fs::canonicalize(path)
             .ok()

@@ -22,7 +22,7 @@ impl Image {
     }
 }
 
-/// A file format, told by the file's ending.
+/// A file format, known by the file's ending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// 8-bit sRGB after an exposure.
@@ -51,7 +51,7 @@ impl Format {
     /// The file's bytes. `exposure` concerns PNG alone.
     ///
     /// # Errors
-    /// What the encoder refuses.
+    /// Whatever the encoder refuses.
     pub fn encode(self, image: &Image, exposure: f32) -> Result<Vec<u8>> {
         let (width, height) = (image.width, image.height);
         let mut bytes = Cursor::new(Vec::new());

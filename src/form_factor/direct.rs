@@ -119,7 +119,7 @@ impl<C: RayCaster> Estimator<'_, C> {
 #[derive(Default)]
 struct DirectWork {
     segments: Vec<Ray>,
-    /// What each segment brings if clear.
+    /// The light that each segment brings if clear.
     light: Vec<Rgb64>,
     blocked: Vec<bool>,
 }

@@ -24,7 +24,7 @@ impl ExchangeMatrix {
         ExchangeMatrix { areas, blocks, tiles }
     }
 
-    /// Bytes that the matrix of so many patches takes if every tile is stored.
+    /// Bytes that the matrix of this many patches takes if every tile is stored.
     pub fn bytes_needed(patches: usize) -> u64 {
         let blocks = patches.div_ceil(TILE) as u64;
         let tile = (size_of::<Tile>() + size_of::<Option<Box<Tile>>>()) as u64;

@@ -1,7 +1,7 @@
 //! Hemispherical form factors: F_ij is the share of patch i's cosine-distributed rays that hit j.
 //!
 //! With directions of density cosθ/π from uniform points of the patch every ray carries the same
-//! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes a ray, and it
+//! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes per ray, and it
 //! sums to 1 wherever every ray hits a front.
 
 use super::{Estimator, Row, RowSource};
@@ -19,7 +19,7 @@ use rayon::prelude::*;
 const ESCAPED: u32 = u32::MAX;
 const ON_BACK: u32 = u32::MAX - 1;
 
-/// What each patch's rays hit.
+/// The hits of each patch's rays.
 pub struct HemisphereRows {
     rays_per_row: usize,
     /// Row after row, each sorted, so that equal hits are together.
@@ -28,7 +28,7 @@ pub struct HemisphereRows {
 }
 
 impl HemisphereRows {
-    /// Bytes that so many rows of so many rays take.
+    /// Bytes that the rows of this many patches take.
     pub fn bytes_needed(patches: usize, rays: u32) -> u64 {
         (patches as u64).saturating_mul(rays as u64 * size_of::<u32>() as u64)
     }
@@ -41,7 +41,7 @@ impl HemisphereRows {
         self.areas.is_empty()
     }
 
-    /// What row i's rays hit, without those that hit no patch, sorted.
+    /// The hits of row i's rays, without those that hit no patch, sorted.
     #[inline]
     fn row(&self, i: usize) -> &[u32] {
         let row = &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row];
@@ -95,7 +95,7 @@ impl HemisphereRows {
     }
 }
 
-/// Of a whole row.
+/// The share of a whole row's rays that ended on backs.
 fn share_on_backs(sorted: &[u32]) -> f64 {
     count(sorted, ON_BACK) as f64 / sorted.len() as f64
 }
@@ -172,7 +172,7 @@ impl HemisphereWork {
 pub struct HemisphereSource<'a, C>(pub &'a Estimator<'a, C>);
 
 impl<C: RayCaster> RowSource for HemisphereSource<'_, C> {
-    /// The same numbers that [`Estimator::hemisphere_rows`] would store.
+    /// As [`Estimator::hemisphere_rows`] would store it, number by number.
     fn row(&self, i: PatchId) -> Row {
         let mut hits = vec![ESCAPED; self.0.samples as usize];
         HemisphereWork::new(self.0).trace(self.0, i, &mut hits);

@@ -19,11 +19,11 @@ pub use exchange::ExchangeMatrix;
 pub use hemisphere::HemisphereRows;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What every estimate needs: whom to ask, about which patches, how often, from which seed.
+/// Inputs of every estimate: the ray caster, the patches, the number of samples and the seed.
 pub struct Estimator<'a, C> {
     pub caster: &'a C,
     pub mesh: &'a PatchMesh,
-    /// Samples a pair, or rays a row.
+    /// Samples per pair, or rays per row.
     pub samples: u32,
     pub points: PointSet,
     pub seed: u64,

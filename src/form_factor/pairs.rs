@@ -26,7 +26,7 @@ pub(super) struct Facet<'s> {
     side: &'s Side,
     area: f32,
     centroid: Vec3,
-    /// Of a sphere about the centroid that holds the triangle.
+    /// The radius of a sphere about the centroid that holds the triangle.
     radius: f32,
 }
 
@@ -338,7 +338,7 @@ impl PairPoints {
 pub struct PairRows<'a, C>(pub &'a Estimator<'a, C>);
 
 impl<C: RayCaster> RowSource for PairRows<'_, C> {
-    /// The same numbers that [`Estimator::exchange_matrix`] would store.
+    /// As [`Estimator::exchange_matrix`] would store it, number by number.
     fn row(&self, i: PatchId) -> Row {
         let of = self.0;
         let area = of.mesh.area(i);

@@ -22,12 +22,12 @@ pub struct Image {
     pub pixels: Vec<Rgb>,
 }
 
-/// What to draw.
+/// Size and sampling of a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame {
     pub width: u32,
     pub height: u32,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
     pub seed: u64,
 }

@@ -1,4 +1,4 @@
-//! What a point of a surface looks like: constant per patch, or interpolated.
+//! The look of a surface's point: constant per patch, or interpolated.
 
 use super::smooth::VertexIrradiance;
 use crate::color::{Rgb, Rgb64};

@@ -20,7 +20,7 @@ pub fn automatic_exposure(image: &Image, lamp: f32) -> f32 {
     0.8 / *bright
 }
 
-/// 8-bit sRGB, three bytes a pixel.
+/// 8-bit sRGB, three bytes per pixel.
 pub fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
     let encode = |x: f32| (srgb_encode(x * exposure) * 255.0 + 0.5) as u8;
     image.pixels.iter().flat_map(|p| p.to_array().map(encode)).collect()

@@ -40,7 +40,7 @@ pub struct Document {
 pub struct ImageDefaults {
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: Option<u32>,
     /// Factor from radiance to display-linear values; 1 is white.
     pub exposure: Option<f32>,

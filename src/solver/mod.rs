@@ -42,7 +42,7 @@ pub enum Stop {
     Iterations(usize),
 }
 
-/// What a method found.
+/// The solution that a method found.
 #[derive(Debug, Clone)]
 pub struct Converged {
     /// B in W·m⁻², per patch.

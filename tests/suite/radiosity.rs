@@ -318,7 +318,7 @@ fn furnished_room(lamp: f32) -> Scene {
     ])
 }
 
-/// The same without a wall and the ceiling, so that light gets out and meets the lamp's back.
+/// The furnished room without a wall and the ceiling, so that light gets out and meets the lamp's back.
 fn open_room() -> Scene {
     let mut scene = furnished_room(0.5);
     for first in [10, 2] {
@@ -330,7 +330,7 @@ fn open_room() -> Scene {
     scene
 }
 
-/// What no front receives.
+/// The power that no front receives.
 fn lost(energy: &Energy) -> Rgb64 {
     energy.escaped + energy.on_backs.unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! What the program says, word by word. After a change that is meant, `INSTA_UPDATE=always` writes the
+//! The program's words, one by one. After a change that is meant, `INSTA_UPDATE=always` writes the
 //! snapshots anew.
 
 use assert_cmd::Command;

@@ -24,7 +24,7 @@ const MOST_PATCHES: usize = Subdivision::DEFAULT_COUNT;
 const MOST_SAMPLES: u32 = Frame::SAMPLES;
 const CREASE_DEGREES: f32 = 30.0;
 
-/// What came of it, for programs.
+/// The result, for programs.
 #[derive(Serialize)]
 pub struct PipelineReport {
     peer: &'static str,

@@ -83,7 +83,7 @@ pub fn all(mesh: &PatchMesh) -> impl Iterator<Item = PatchId> + use<> {
     (0..mesh.len() as u32).map(PatchId)
 }
 
-/// What estimates of a scene need beside their settings.
+/// A scene's patches and hierarchy.
 pub struct World {
     pub mesh: PatchMesh,
     pub bvh: Bvh,
