@@ -3,7 +3,6 @@
 use crate::color::Rgb64;
 use crate::memory;
 use crate::radiosity::Energy;
-use crate::scene::topology::Topology;
 use crate::solution::{Figures, Solution};
 use serde::Serialize;
 use std::fmt::Write;
@@ -81,7 +80,7 @@ impl Report {
             scene: solution.title.clone(),
             triangles: solution.scene.triangles.len(),
             patches: solution.irradiance.len(),
-            open_edges: Topology::new(&solution.scene.triangles).open_edges(),
+            open_edges: solution.scene.topology().open_edges(),
             rays: 0,
             transport_rays: *rays,
             peak_memory_bytes: memory::peak(),

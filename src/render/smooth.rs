@@ -11,7 +11,7 @@
 
 use crate::color::{Rgb, Rgb64};
 use crate::patches::{Cell, PatchMesh, Side, SurfacePoint};
-use crate::scene::topology::Topology;
+use crate::scene::groups::Groups;
 
 /// Irradiance in W·m⁻² at the lattice points of every side.
 pub struct VertexIrradiance {
@@ -107,7 +107,7 @@ fn lattice_size(level: u32) -> usize {
 /// by at most the crease angle. Where three or more triangles meet, a wall stands on a floor, and
 /// nothing is smoothed through it.
 fn seams(mesh: &PatchMesh, crease: f32) -> Vec<Seam> {
-    let topology = Topology::new(&mesh.scene.triangles);
+    let topology = mesh.scene.topology();
     let cos_crease = crease.to_radians().cos();
     let mut sides_of = vec![Vec::new(); mesh.scene.triangles.len()];
     for (number, side) in mesh.sides().iter().enumerate() {
@@ -238,28 +238,6 @@ impl Lattices {
         for (corner, &slot) in slots.iter().enumerate() {
             self.sums[slot] = sums[groups.root(corner)];
         }
-    }
-}
-
-/// Disjoint sets (union–find with path halving).
-struct Groups(Vec<usize>);
-
-impl Groups {
-    fn new(count: usize) -> Self {
-        Groups((0..count).collect())
-    }
-
-    fn root(&mut self, mut member: usize) -> usize {
-        while self.0[member] != member {
-            self.0[member] = self.0[self.0[member]];
-            member = self.0[member];
-        }
-        member
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b)] = a.min(b);
     }
 }
 

@@ -1,6 +1,6 @@
 //! What is in a scene, counted.
 
-use super::{Scene, topology::Topology};
+use super::Scene;
 use crate::color::Rgb64;
 use crate::geometry::TriangleId;
 use crate::geometry::bounds::Bounds;
@@ -36,7 +36,7 @@ pub struct MaterialUse {
 
 impl Inspection {
     pub fn of(scene: &Scene) -> Inspection {
-        let topology = Topology::new(&scene.triangles);
+        let topology = scene.topology();
         Inspection {
             triangles: scene.triangles.len(),
             degenerate: scene.degenerate,

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod document;
+pub mod groups;
 pub mod inspect;
 pub mod material;
 pub mod obj;
@@ -16,7 +17,8 @@ pub use document::Document;
 pub use material::{Material, MaterialId};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+use topology::Topology;
 
 /// Triangles with their materials, all of them with an area above zero.
 ///
@@ -33,6 +35,9 @@ pub struct Scene {
     pub metres_per_unit: f64,
     #[serde(skip)]
     pub warnings: Vec<Warning>,
+    /// Filled by the first call of [`topology`](Self::topology).
+    #[serde(skip)]
+    pub known_topology: Arc<OnceLock<Topology>>,
 }
 
 impl Scene {
@@ -57,6 +62,7 @@ impl Scene {
             materials: materials.into(),
             metres_per_unit: 1.0,
             warnings: Vec::new(),
+            known_topology: Arc::default(),
         }
     }
 
@@ -99,6 +105,12 @@ impl Scene {
         &self.materials[self.material_of[triangle.index()].0 as usize]
     }
 
+    /// Which triangles share vertices and edges. It is computed once, then shared by all clones, so
+    /// change the triangles only before the first call.
+    pub fn topology(&self) -> &Topology {
+        self.known_topology.get_or_init(|| Topology::new(&self.triangles))
+    }
+
     pub fn bounds(&self) -> Bounds {
         self.triangles.iter().flat_map(|t| t.p).collect()
     }
@@ -122,7 +134,7 @@ impl Scene {
 
     /// Which of two triangles in one place a ray hits is chance, and so is the light on both.
     fn warn_of_duplicates(&mut self) {
-        let duplicates = topology::Topology::new(&self.triangles).duplicates();
+        let duplicates = self.topology().duplicates();
         if duplicates > 0 {
             self.warnings.push(Warning::new(format!(
                 "{duplicates} triangles lie exactly where others do, and will look speckled; a sheet \

@@ -1,5 +1,6 @@
 //! Which triangles share vertices and edges.
 
+use super::groups::Groups;
 use crate::geometry::{Triangle, TriangleId};
 use std::collections::{BTreeMap, HashMap};
 
@@ -15,6 +16,7 @@ pub struct HalfEdge {
 }
 
 /// The welded vertices of each triangle, and the triangles at each edge.
+#[derive(Debug)]
 pub struct Topology {
     pub corners: Vec<[VertexId; 3]>,
     pub vertex_count: usize,
@@ -52,18 +54,18 @@ impl Topology {
     /// belongs to an even number of triangles, so that all lines but those through seams cross the
     /// part an even number of times.
     pub fn closed_parts(&self) -> Vec<Vec<TriangleId>> {
-        let mut groups = Groups { leader: (0..self.corners.len()).collect() };
+        let mut groups = Groups::new(self.corners.len());
         for mut edge in self.edges() {
             let first = edge.next().expect("an edge has a triangle");
-            edge.for_each(|half| groups.join(first.triangle, half.triangle));
+            edge.for_each(|half| groups.join(first.triangle.index(), half.triangle.index()));
         }
         let mut parts: BTreeMap<usize, Vec<TriangleId>> = BTreeMap::new();
         for id in (0..self.corners.len() as u32).map(TriangleId) {
-            parts.entry(groups.leader_of(id)).or_default().push(id);
+            parts.entry(groups.root(id.index())).or_default().push(id);
         }
         for edge in self.half_edges.chunk_by(|a, b| a.0 == b.0) {
             if edge.len() % 2 == 1 {
-                parts.remove(&groups.leader_of(edge[0].1.triangle));
+                parts.remove(&groups.root(edge[0].1.triangle.index()));
             }
         }
         parts.into_values().collect()
@@ -75,28 +77,6 @@ impl Topology {
         sorted.iter_mut().for_each(|corners| corners.sort_unstable());
         sorted.sort_unstable();
         sorted.windows(2).filter(|pair| pair[0] == pair[1]).count()
-    }
-}
-
-/// Triangles that are joined bit by bit (union-find with path halving; Tarjan & van Leeuwen, 1984).
-struct Groups {
-    /// Another triangle of the group, nearer to the one that stands for it, which names itself.
-    leader: Vec<usize>,
-}
-
-impl Groups {
-    fn leader_of(&mut self, id: TriangleId) -> usize {
-        let mut index = id.index();
-        while self.leader[index] != index {
-            self.leader[index] = self.leader[self.leader[index]];
-            index = self.leader[index];
-        }
-        index
-    }
-
-    fn join(&mut self, a: TriangleId, b: TriangleId) {
-        let (a, b) = (self.leader_of(a), self.leader_of(b));
-        self.leader[a.max(b)] = a.min(b);
     }
 }
 
