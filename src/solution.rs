@@ -65,7 +65,7 @@ pub struct Figures {
 }
 
 const MAGIC: &[u8] = b"isolux light\n";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: usize = MAGIC.len() + 8;
 
 impl Solution {
@@ -220,6 +220,7 @@ impl Solution {
         let scene = &self.scene;
         let fits = scene.material_of.len() == scene.triangles.len()
             && scene.material_of.iter().all(|m| (m.0 as usize) < scene.materials.len())
+            && scene.mesh.fits(scene.triangles.len())
             && scene.triangles.iter().all(|t| t.area() > 0.0 && t.area().is_finite());
         let inconsistent = || {
             Error::new("the light file contradicts itself")

@@ -45,6 +45,9 @@ fn describe(title: &str, scene: &Scene) -> String {
         bounds.max,
         facts.emitting_triangles(),
     );
+    if facts.objects > 0 {
+        let _ = writeln!(text, "  objects     {}", facts.objects);
+    }
     let width = scene.materials.iter().map(|m| m.name.chars().count()).max().unwrap_or(0).max(8);
     let _ = writeln!(
         text,

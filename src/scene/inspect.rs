@@ -9,6 +9,8 @@ use crate::geometry::bounds::Bounds;
 #[derive(Debug, Clone)]
 pub struct Inspection {
     pub triangles: usize,
+    /// Objects that the model files name.
+    pub objects: usize,
     /// Triangles without area, which are not among `triangles`.
     pub degenerate: usize,
     /// Triangles that are there more than once.
@@ -39,6 +41,7 @@ impl Inspection {
         let topology = scene.topology();
         Inspection {
             triangles: scene.triangles.len(),
+            objects: scene.mesh.object_count(),
             degenerate: scene.degenerate,
             duplicates: topology.duplicates(),
             vertices: topology.vertex_count,

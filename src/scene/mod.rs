@@ -5,6 +5,7 @@ pub mod document;
 pub mod groups;
 pub mod inspect;
 pub mod material;
+pub mod mesh;
 pub mod obj;
 pub mod topology;
 
@@ -15,6 +16,7 @@ use crate::geometry::{Triangle, TriangleId};
 pub use camera::Camera;
 pub use document::Document;
 pub use material::{Material, MaterialId};
+pub use mesh::Mesh;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -29,6 +31,8 @@ pub struct Scene {
     /// One per triangle.
     pub material_of: Arc<[MaterialId]>,
     pub materials: Arc<[Material]>,
+    /// The faces of the model files that the triangles come from.
+    pub mesh: Arc<Mesh>,
     /// Triangles without area, left out of everything.
     pub degenerate: usize,
     /// Length of a unit of the coordinates.
@@ -50,9 +54,20 @@ impl Scene {
         material_of: Vec<MaterialId>,
         materials: Vec<Material>,
     ) -> Self {
+        Scene::with_mesh(triangles, material_of, materials, Mesh::default())
+    }
+
+    /// Like [`Scene::new`], with a `mesh` that fits the triangles.
+    fn with_mesh(
+        triangles: Vec<Triangle>,
+        material_of: Vec<MaterialId>,
+        materials: Vec<Material>,
+        mut mesh: Mesh,
+    ) -> Self {
         assert_eq!(triangles.len(), material_of.len(), "one material per triangle");
         assert!(material_of.iter().all(|m| (m.0 as usize) < materials.len()), "unknown material");
         let before = triangles.len();
+        mesh.retain(&triangles.iter().map(|t| t.area() > 0.0).collect::<Vec<bool>>());
         let (triangles, material_of): (Vec<_>, Vec<_>) =
             triangles.into_iter().zip(material_of).filter(|(t, _)| t.area() > 0.0).unzip();
         Scene {
@@ -60,6 +75,7 @@ impl Scene {
             triangles: triangles.into(),
             material_of: material_of.into(),
             materials: materials.into(),
+            mesh: mesh.into(),
             metres_per_unit: 1.0,
             warnings: Vec::new(),
             known_topology: Arc::default(),
@@ -74,19 +90,20 @@ impl Scene {
     /// small that f32 products would leave their range.
     pub fn load(description: &Document) -> Result<Scene> {
         let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
-        let mut warnings = Vec::new();
+        let (mut mesh, mut warnings) = (Mesh::default(), Vec::new());
         let replaced = description.overridden_reflectances();
-        for path in &description.models {
+        for (number, path) in (0..).zip(&description.models) {
             let model = obj::load_with_overrides(path, |name| replaced.contains(name))?;
             let offset = materials.len() as u32;
             triangles.extend(model.triangles.into_iter().map(|p| Triangle { p }));
             material_of.extend(model.material_of.iter().map(|m| MaterialId(m.0 + offset)));
             materials.extend(model.materials);
+            mesh.append(number, model.mesh);
             warnings.extend(model.warnings);
         }
         description.override_materials(&mut materials)?;
 
-        let mut scene = Scene::new(triangles, material_of, materials);
+        let mut scene = Scene::with_mesh(triangles, material_of, materials, mesh);
         scene.metres_per_unit = description.metres_per_unit;
         if scene.degenerate > 0 {
             warnings.push(Warning::new(format!(

@@ -24,12 +24,8 @@ const FREE_FORM: [&str; 21] = [
 ];
 
 /// Statements without any bearing on the geometry or its materials.
-const WITHOUT_EFFECT: [&str; 15] = [
+const WITHOUT_EFFECT: [&str; 11] = [
     "",
-    "vt",
-    "vn",
-    "g",
-    "o",
     "s",
     "mg",
     "bevel",
@@ -110,7 +106,7 @@ mod tests {
     fn each_kind_is_told_once_with_its_count_and_first_line() {
         let mut left = LeftAside::default();
         left.face_before_usemtl(4);
-        let statements = ["p", "l", "l", "vp", "surf", "foo", "bar", "vt", "o", ""];
+        let statements = ["p", "l", "l", "vp", "surf", "foo", "bar", "s", "lod", ""];
         statements.iter().zip(5..).for_each(|(keyword, line)| left.statement(line, keyword));
         let warnings: Vec<String> =
             left.warnings(Path::new("a.obj")).iter().map(Warning::to_string).collect();

@@ -1,24 +1,23 @@
 //! Loads a Wavefront OBJ model and its MTL materials.
 //!
-//! `tobj` reads both formats. Before it does, every line is checked, so that what is malformed is
-//! told with its line; afterwards polygons are cut into triangles and materials are judged.
+//! Each line is looked at once, so that what is malformed is reported with its line. The values of
+//! materials are left to `tobj`. Then polygons are cut into triangles and materials are judged.
 
-mod check;
 mod left_aside;
 mod mtl_check;
 mod mtl_files;
 mod mtl_materials;
+mod reader;
 pub(super) mod text;
 mod triangulate;
 
 use super::material::{Material, MaterialId};
+use super::mesh::{Mesh, Origin, PerCorner};
 use crate::error::{Error, Result, Warning};
-use check::{CheckedObj, check_obj};
 use glam::Vec3;
-use mtl_check::Library;
 use mtl_files::read_library;
 use mtl_materials::{Role, materials};
-use std::io::Read;
+use reader::{ObjFile, read_obj};
 use std::path::Path;
 use text::{decode, read_bytes};
 use triangulate::Triangulator;
@@ -34,6 +33,8 @@ pub struct Model {
     /// Those of the MTL files, used or not; then those that only the OBJ file names; last the
     /// default, if a face has no material at all.
     pub materials: Vec<Material>,
+    /// The faces that the triangles come from.
+    pub mesh: Mesh,
     pub warnings: Vec<Warning>,
 }
 
@@ -55,65 +56,53 @@ pub fn load_with_overrides(path: &Path, overrides: impl Fn(&str) -> bool) -> Res
     let bytes = read_bytes(path).map_err(|error| {
         Error::io(path, "read the model", &error).remedy("check the path and its permissions")
     })?;
-    let mut obj = check_obj(path, &decode(bytes, path, "OBJ")?)?;
+    let mut obj = read_obj(path, &decode(bytes, path, "OBJ")?)?;
     let library = read_library(path, &mut obj)?;
     let mut warnings = std::mem::take(&mut obj.warnings);
 
-    let (meshes, read) = run_tobj(path, &obj, &library)?;
-    drop(obj);
-    let (triangles, material_of) = triangles_of(meshes, read.len());
-    let mut used = vec![false; read.len() + 1];
-    material_of.iter().for_each(|id| used[id.0 as usize] = true);
+    let default = library.entries.len();
+    let numbers: Vec<usize> =
+        obj.materials.iter().map(|m| library.find(&m.name).expect("added if undefined")).collect();
+    let material_of = |face: u32| {
+        obj.faces[face as usize - 1].material.map_or(default, |material| numbers[material])
+    };
+    let mut used = vec![false; default + 1];
+    (1..=obj.faces.len() as u32).for_each(|face| used[material_of(face)] = true);
     let role = |i: usize| Role { used: used[i], replaced: overrides(&library.entries[i].name) };
-    let mut materials = materials(&library, &read, role, &mut warnings)?;
-    if used[read.len()] {
+    let mut materials = materials(&library, role, &mut warnings)?;
+    if used[default] {
         materials.push(Material::fallback());
     }
-    Ok(Model { triangles, material_of, materials, warnings })
+    let (triangles, mesh) = cut(&obj);
+    let id = |origin: &Origin| MaterialId(material_of(origin.face) as u32);
+    let material_of = mesh.origins.iter().map(id).collect();
+    Ok(Model { triangles, material_of, materials, mesh, warnings })
 }
 
-/// Lets `tobj` read the checked text. The materials are those of `library`, in the same order.
-fn run_tobj(
-    path: &Path,
-    obj: &CheckedObj,
-    library: &Library,
-) -> Result<(Vec<tobj::Model>, Vec<tobj::Material>)> {
-    let mtl = library.text();
-    // tobj wants a vertex before the end of the group that uses it, and a material before its
-    // `usemtl`. OBJ asks for neither order, so materials and vertices are read first.
-    let mut text = "mtllib checked\n".as_bytes().chain(obj.vertices.as_bytes());
-    let mut text = (&mut text).chain(obj.faces.as_bytes());
-    let polygons_kept = tobj::LoadOptions::default();
-    let read_mtl = |_: &Path| tobj::load_mtl_buf(&mut mtl.as_bytes());
-    let unexpected =
-        |error: tobj::LoadError| Error::new(format!("tobj cannot read it: {error}")).in_file(path);
-    let (meshes, materials) =
-        tobj::load_obj_buf(&mut text, &polygons_kept, read_mtl).map_err(unexpected)?;
-    Ok((meshes, materials.map_err(unexpected)?))
-}
-
-/// Cuts the polygons of all meshes into triangles. Faces without a material get `default`.
-fn triangles_of(meshes: Vec<tobj::Model>, default: usize) -> (Vec<[Vec3; 3]>, Vec<MaterialId>) {
-    let (mut triangles, mut material_of) = (Vec::new(), Vec::new());
+/// Cuts the faces into triangles, in file order.
+fn cut(obj: &ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
+    let (mut triangles, mut origins) = (Vec::new(), Vec::new());
+    let (mut texture, mut normals) = (Vec::new(), Vec::new());
     let mut triangulator = Triangulator::new();
-    let mut polygon = Vec::new();
-    for tobj::Model { mesh, .. } in meshes {
-        let corner = |index: &u32| Vec3::from_slice(&mesh.positions[3 * *index as usize..]);
-        let mut arities = mesh.face_arities.iter();
-        let mut corners = mesh.indices.as_slice();
-        while !corners.is_empty() {
-            // tobj leaves the arities away where all faces are triangles.
-            let arity = arities.next().map_or(3, |arity| *arity as usize);
-            let (face, others) = corners.split_at(arity);
-            polygon.clear();
-            polygon.extend(face.iter().map(corner));
-            triangulator.triangulate(&polygon, &mut triangles);
-            corners = others;
+    let (mut polygon, mut cuts) = (Vec::new(), Vec::new());
+    let mut rest = obj.corners.as_slice();
+    for (number, face) in (1..).zip(&obj.faces) {
+        let (corners, others) = rest.split_at(face.arity);
+        rest = others;
+        polygon.clear();
+        polygon.extend(corners.iter().map(|corner| obj.positions[corner.position as usize - 1]));
+        cuts.clear();
+        triangulator.triangulate(&polygon, &mut cuts);
+        for cut in &cuts {
+            triangles.push(cut.map(|k| polygon[k]));
+            origins.push(Origin { face: number, part: face.part });
+            texture.push(cut.map(|k| corners[k].texture));
+            normals.push(cut.map(|k| corners[k].normal));
         }
-        let material = MaterialId(mesh.material_id.unwrap_or(default) as u32);
-        material_of.resize(triangles.len(), material);
     }
-    (triangles, material_of)
+    let texture = PerCorner::new(obj.texture.clone(), texture);
+    let normals = PerCorner::new(obj.normals.clone(), normals);
+    (triangles, Mesh { origins, parts: obj.parts.clone(), texture, normals })
 }
 
 #[cfg(test)]
@@ -188,6 +177,19 @@ mod tests {
         let (model, _) = with_mtl(obj, "newmtl a\nKd 0.1").unwrap();
         assert_eq!(model.triangles.len(), 3);
         assert_eq!(model.material_of, [MaterialId(0); 3]);
+    }
+
+    #[test]
+    fn the_triangles_of_a_polygon_know_their_face_and_their_corners() {
+        let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nvn 0 1 0\no box\nf 1 2 2\n\
+                   g lid\nf 1//1 2//1 3//2 4//2\n";
+        let (Model { mesh, .. }, _) = load_obj(obj).unwrap();
+        let faces: Vec<u32> = mesh.origins.iter().map(|origin| origin.face).collect();
+        assert_eq!(faces, [1, 2, 2]);
+        let part = mesh.part_of(crate::geometry::TriangleId(2)).unwrap();
+        assert_eq!((part.object.as_deref(), part.group.as_deref()), (Some("box"), Some("lid")));
+        assert_eq!(mesh.normals.unwrap().numbers, [[0; 3], [1, 1, 2], [1, 2, 2]]);
+        assert_eq!(mesh.texture, None);
     }
 
     #[test]

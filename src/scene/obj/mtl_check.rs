@@ -47,8 +47,9 @@ impl Library {
         Ok(())
     }
 
-    pub(super) fn contains(&self, name: &str) -> bool {
-        self.by_name.contains_key(name)
+    /// Index into `entries`.
+    pub(super) fn find(&self, name: &str) -> Option<usize> {
+        self.by_name.get(name).copied()
     }
 
     /// Adds a material that no file defines, so that its name is known at least.

@@ -4,9 +4,9 @@ use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::check::{CheckedObj, Named};
 use super::left_aside::default_stated;
 use super::mtl_check::Library;
+use super::reader::{Named, ObjFile};
 use super::text::{decode, quote, read_bytes, words};
 use crate::error::{Result, Warning};
 
@@ -14,7 +14,7 @@ use crate::error::{Result, Warning};
 ///
 /// A file that cannot be read is a warning, a file with a malformed line an error. A material that
 /// faces use and no file defines is added without values, and is a warning.
-pub(super) fn read_library(path: &Path, obj: &mut CheckedObj) -> Result<Library> {
+pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Result<Library> {
     let mut library = Library::default();
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut seen = HashSet::new();
@@ -32,7 +32,7 @@ pub(super) fn read_library(path: &Path, obj: &mut CheckedObj) -> Result<Library>
         }
     }
     for material in &obj.materials {
-        if !library.contains(&material.name) {
+        if library.find(&material.name).is_none() {
             library.add_undefined(&material.name);
             obj.warnings.push(undefined(path, material));
         }

@@ -18,17 +18,18 @@ pub(super) struct Role {
     pub replaced: bool,
 }
 
-/// The materials of `library` with the values that `tobj` `read`, one for each entry. `role_of` is
+/// The materials of `library`, one for each entry, with the values that `tobj` reads. `role_of` is
 /// asked with the index of an entry.
 pub(super) fn materials(
     library: &Library,
-    read: &[tobj::Material],
     role_of: impl Fn(usize) -> Role,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Material>> {
+    let (read, _) = tobj::load_mtl_buf(&mut library.text().as_bytes())
+        .map_err(|error| Error::new(format!("tobj cannot read the materials: {error}")))?;
     assert_eq!(library.entries.len(), read.len(), "tobj reads one material for each entry");
     let mut materials = Vec::with_capacity(read.len());
-    for (index, (entry, read)) in library.entries.iter().zip(read).enumerate() {
+    for (index, (entry, read)) in library.entries.iter().zip(&read).enumerate() {
         let mut material = Material { name: entry.name.clone(), ..Material::fallback() };
         if let Some(file) = entry.file.as_deref() {
             let mut judge = Judge { entry, file, role: role_of(index), warnings };
@@ -116,8 +117,7 @@ mod tests {
     fn judge(text: &str, role: Role) -> Result<(Material, Vec<String>)> {
         let (mut library, mut warnings) = (Library::default(), Vec::new());
         library.add(Path::new("a.mtl"), &format!("newmtl m\n{text}"), &mut warnings)?;
-        let (read, _) = tobj::load_mtl_buf(&mut library.text().as_bytes()).unwrap();
-        let mut materials = materials(&library, &read, |_| role, &mut warnings)?;
+        let mut materials = materials(&library, |_| role, &mut warnings)?;
         Ok((materials.remove(0), warnings.iter().map(Warning::to_string).collect()))
     }
 

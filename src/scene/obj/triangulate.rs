@@ -4,8 +4,8 @@ use earcut::Earcut;
 use earcut::utils3d::project3d_to_2d;
 use glam::{DVec2, DVec3, Vec3};
 
-/// A triangle of a model, by its corners in counter-clockwise order as seen from the front.
-type Triangle = [Vec3; 3];
+/// A triangle by its corners, which are indices into the polygon, in the direction of the polygon.
+type Cut = [usize; 3];
 
 /// Cuts polygons into triangles. It keeps its buffers, so use one for many polygons.
 pub(super) struct Triangulator {
@@ -27,27 +27,26 @@ impl Triangulator {
         }
     }
 
-    /// Appends the triangles of `polygon`, which has at least 3 vertices, to `triangles`.
+    /// Cuts `polygon`, which has at least 3 vertices, and appends the triangles to `cuts`.
     ///
     /// The polygon may be concave and need not be quite planar. A polygon without area becomes
     /// triangles without area.
-    pub(super) fn triangulate(&mut self, polygon: &[Vec3], triangles: &mut Vec<Triangle>) {
+    pub(super) fn triangulate(&mut self, polygon: &[Vec3], cuts: &mut Vec<Cut>) {
         if polygon.len() == 3 || !self.flatten(polygon) {
-            triangles.extend(fan(polygon, 0));
+            cuts.extend(fan(polygon.len(), 0));
             return;
         }
         if let Some(center) = self.fan_center() {
-            triangles.extend(fan(polygon, center));
+            cuts.extend(fan(polygon.len(), center));
             return;
         }
         self.earcut.earcut(self.flat.iter().copied(), &[], &mut self.corners);
         if self.corners.is_empty() {
-            triangles.extend(fan(polygon, 0));
+            cuts.extend(fan(polygon.len(), 0));
             return;
         }
         // Earcut's triangles run counter-clockwise whatever its input, and so does `flat`.
-        let corner = |index: u32| polygon[index as usize];
-        triangles.extend(self.corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]].map(corner)));
+        cuts.extend(self.corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]].map(|k| k as usize)));
     }
 
     /// Projects the polygon into its plane, where it runs counter-clockwise; false where its
@@ -72,22 +71,23 @@ impl Triangulator {
         let starts = 0..self.flat.len().min(8);
         let fits = |least: f64| {
             move |start: &usize| {
-                fan(&self.flat, *start).all(|[a, b, c]| twice_area(a, b, c) >= least)
+                let flat = |cut: Cut| cut.map(|k| self.flat[k]);
+                fan(self.flat.len(), *start).map(flat).all(|corners| twice_area(corners) >= least)
             }
         };
         starts.clone().find(fits(f64::MIN_POSITIVE)).or_else(|| starts.clone().find(fits(0.0)))
     }
 }
 
-/// The triangles of the fan around vertex `center`.
-fn fan<P: Copy>(polygon: &[P], center: usize) -> impl Iterator<Item = [P; 3]> {
-    let vertex = move |k: usize| polygon[(center + k) % polygon.len()];
-    (1..polygon.len() - 1).map(move |k| [vertex(0), vertex(k), vertex(k + 1)])
+/// The triangles of the fan around vertex `center` of a polygon with `count` vertices.
+fn fan(count: usize, center: usize) -> impl Iterator<Item = Cut> {
+    let vertex = move |k: usize| (center + k) % count;
+    (1..count - 1).map(move |k| [vertex(0), vertex(k), vertex(k + 1)])
 }
 
-/// Positive if a, b, c run counter-clockwise.
-fn twice_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
-    let [a, b, c] = [DVec2::from(a), DVec2::from(b), DVec2::from(c)];
+/// Positive if the corners run counter-clockwise.
+fn twice_area(corners: [[f64; 2]; 3]) -> f64 {
+    let [a, b, c] = corners.map(DVec2::from);
     (b - a).perp_dot(c - a)
 }
 
@@ -95,10 +95,12 @@ fn twice_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
+    type Triangle = [Vec3; 3];
+
     fn triangulate(polygon: &[Vec3]) -> Vec<Triangle> {
-        let mut triangles = Vec::new();
-        Triangulator::new().triangulate(polygon, &mut triangles);
-        triangles
+        let mut cuts = Vec::new();
+        Triangulator::new().triangulate(polygon, &mut cuts);
+        cuts.into_iter().map(|cut| cut.map(|k| polygon[k])).collect()
     }
 
     fn area_vector([a, b, c]: Triangle) -> DVec3 {
@@ -108,7 +110,7 @@ mod tests {
 
     /// Newell: half the sum of the cross products of successive vertices, here seen from the first.
     fn newell(polygon: &[Vec3]) -> DVec3 {
-        fan(polygon, 0).map(area_vector).sum()
+        fan(polygon.len(), 0).map(|cut| area_vector(cut.map(|k| polygon[k]))).sum()
     }
 
     /// Area is kept only if the triangles do not overlap, direction only if none is turned over.
