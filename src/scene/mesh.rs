@@ -92,7 +92,7 @@ impl Mesh {
 
     /// How many objects the files name; those without a face do not count.
     pub fn object_count(&self) -> usize {
-        let named = |part: &'_ Part| part.object.clone().map(|name| (part.model, name));
+        let named = |part: &Part| part.object.clone().map(|name| (part.model, name));
         self.parts.iter().filter_map(named).collect::<HashSet<_>>().len()
     }
 
@@ -118,7 +118,8 @@ impl Mesh {
         }
     }
 
-    /// Whether this can belong to so many triangles, and no index points outside its list.
+    /// Whether this can belong to a scene with that number of triangles, and no index points outside
+    /// its list.
     pub fn fits(&self, triangles: usize) -> bool {
         (*self == Mesh::default() || self.origins.len() == triangles)
             && self.origins.iter().all(|origin| (origin.part as usize) < self.parts.len())

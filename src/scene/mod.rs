@@ -210,4 +210,28 @@ mod tests {
         assert_eq!(*scene.triangles, [good]);
         assert_eq!(scene.degenerate, 2);
     }
+
+    #[test]
+    fn clones_share_one_topology() {
+        let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
+        let scene = Scene::new(vec![triangle], vec![MaterialId(0)], vec![Material::fallback()]);
+        let clone = scene.clone();
+        assert_eq!(scene.topology().open_edges(), 3);
+        assert!(std::ptr::eq(scene.topology(), clone.topology()));
+    }
+
+    #[test]
+    fn a_loaded_scene_knows_its_faces_also_after_it_was_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.obj");
+        let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 1 0\no lid\nf 1 2 2\nf 1/1 2/1 3\n";
+        std::fs::write(&file, text).unwrap();
+        let scene = Scene::load(&Document::open(&file).unwrap()).unwrap();
+        let bytes = postcard::to_stdvec(&scene).unwrap();
+        let read: Scene = postcard::from_bytes(&bytes).unwrap();
+        assert_eq!((read.mesh.origins[0].face, read.degenerate), (2, 1));
+        assert_eq!(read.mesh.part_of(TriangleId(0)).unwrap().object.as_deref(), Some("lid"));
+        assert_eq!(read.mesh.texture.as_ref().unwrap().numbers, [[1, 1, 0]]);
+        assert_eq!(*read.mesh, *scene.mesh);
+    }
 }

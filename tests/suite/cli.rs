@@ -205,8 +205,11 @@ fn a_bare_model_gets_a_camera_that_sees_it() {
 fn info_counts_what_is_there() {
     let output = isolux().args(["info", "scenes/course-room.toml"]).assert().success();
     let said = String::from_utf8(output.get_output().stdout.clone()).unwrap();
-    for line in ["triangles   24 (0 degenerate left out, 0 duplicates)", "emitters    2 triangles"]
-    {
+    for line in [
+        "triangles   24 (0 degenerate left out, 0 duplicates)",
+        "emitters    2 triangles",
+        "objects     8",
+    ] {
         assert!(said.contains(line), "no '{line}' in: {said}");
     }
     let output = isolux().args(["info", "scenes/furnace.obj"]).assert().success();

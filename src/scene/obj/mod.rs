@@ -1,12 +1,12 @@
 //! Loads a Wavefront OBJ model and its MTL materials.
 //!
-//! Each line is looked at once, so that what is malformed is reported with its line. The values of
-//! materials are left to `tobj`. Then polygons are cut into triangles and materials are judged.
+//! Each line is looked at once, so that what is malformed is reported with its line. The colours of
+//! materials are read by `tobj`. Then polygons are cut into triangles and materials are judged.
 
 mod left_aside;
-mod mtl_check;
 mod mtl_files;
 mod mtl_materials;
+mod mtl_reader;
 mod reader;
 pub(super) mod text;
 mod triangulate;
@@ -17,6 +17,7 @@ use crate::error::{Error, Result, Warning};
 use glam::Vec3;
 use mtl_files::read_library;
 use mtl_materials::{Role, materials};
+use mtl_reader::Library;
 use reader::{ObjFile, read_obj};
 use std::path::Path;
 use text::{decode, read_bytes};
@@ -60,27 +61,31 @@ pub fn load_with_overrides(path: &Path, overrides: impl Fn(&str) -> bool) -> Res
     let library = read_library(path, &mut obj)?;
     let mut warnings = std::mem::take(&mut obj.warnings);
 
+    let of_faces = materials_of_faces(&obj, &library);
     let default = library.entries.len();
-    let numbers: Vec<usize> =
-        obj.materials.iter().map(|m| library.find(&m.name).expect("added if undefined")).collect();
-    let material_of = |face: u32| {
-        obj.faces[face as usize - 1].material.map_or(default, |material| numbers[material])
-    };
     let mut used = vec![false; default + 1];
-    (1..=obj.faces.len() as u32).for_each(|face| used[material_of(face)] = true);
+    of_faces.iter().for_each(|id| used[id.0 as usize] = true);
     let role = |i: usize| Role { used: used[i], replaced: overrides(&library.entries[i].name) };
     let mut materials = materials(&library, role, &mut warnings)?;
     if used[default] {
         materials.push(Material::fallback());
     }
-    let (triangles, mesh) = cut(&obj);
-    let id = |origin: &Origin| MaterialId(material_of(origin.face) as u32);
-    let material_of = mesh.origins.iter().map(id).collect();
+    let (triangles, mesh) = cut(obj);
+    let material_of = mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
     Ok(Model { triangles, material_of, materials, mesh, warnings })
 }
 
+/// Each face's material, an index into the entries of `library`; the number of entries stands for
+/// the default.
+fn materials_of_faces(obj: &ObjFile, library: &Library) -> Vec<MaterialId> {
+    let known = |name| library.find(name).expect("undefined materials have been added");
+    let numbers: Vec<usize> = obj.materials.iter().map(|named| known(&named.name)).collect();
+    let number = |material: Option<usize>| material.map_or(library.entries.len(), |m| numbers[m]);
+    obj.faces.iter().map(|face| MaterialId(number(face.material) as u32)).collect()
+}
+
 /// Cuts the faces into triangles, in file order.
-fn cut(obj: &ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
+fn cut(obj: ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
     let (mut triangles, mut origins) = (Vec::new(), Vec::new());
     let (mut texture, mut normals) = (Vec::new(), Vec::new());
     let mut triangulator = Triangulator::new();
@@ -100,9 +105,9 @@ fn cut(obj: &ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
             normals.push(cut.map(|k| corners[k].normal));
         }
     }
-    let texture = PerCorner::new(obj.texture.clone(), texture);
-    let normals = PerCorner::new(obj.normals.clone(), normals);
-    (triangles, Mesh { origins, parts: obj.parts.clone(), texture, normals })
+    let texture = PerCorner::new(obj.texture, texture);
+    let normals = PerCorner::new(obj.normals, normals);
+    (triangles, Mesh { origins, parts: obj.parts, texture, normals })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::left_aside::default_stated;
-use super::mtl_check::Library;
+use super::mtl_reader::Library;
 use super::reader::{Named, ObjFile};
 use super::text::{decode, quote, read_bytes, words};
 use crate::error::{Result, Warning};

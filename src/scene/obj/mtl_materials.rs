@@ -1,9 +1,9 @@
-//! Turns what `tobj` read from MTL files into [`Material`]s. Only here is it known which materials
+//! Turns the entries of MTL files into [`Material`]s. Only here is it known which materials
 //! the faces use: a bad value is an error in those, and a warning in the others.
 
 use std::path::Path;
 
-use super::mtl_check::{Entry, Library};
+use super::mtl_reader::{Color, Entry, Library};
 use super::text::{LARGEST, quote};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
@@ -18,24 +18,19 @@ pub(super) struct Role {
     pub replaced: bool,
 }
 
-/// The materials of `library`, one for each entry, with the values that `tobj` reads. `role_of` is
-/// asked with the index of an entry.
+/// The materials of `library`, one for each entry. `role_of` is asked with the index of an entry.
 pub(super) fn materials(
     library: &Library,
     role_of: impl Fn(usize) -> Role,
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Material>> {
-    let (read, _) = tobj::load_mtl_buf(&mut library.text().as_bytes())
-        .map_err(|error| Error::new(format!("tobj cannot read the materials: {error}")))?;
-    assert_eq!(library.entries.len(), read.len(), "tobj reads one material for each entry");
-    let mut materials = Vec::with_capacity(read.len());
-    for (index, (entry, read)) in library.entries.iter().zip(&read).enumerate() {
+    let mut materials = Vec::with_capacity(library.entries.len());
+    for (index, entry) in library.entries.iter().enumerate() {
         let mut material = Material { name: entry.name.clone(), ..Material::fallback() };
         if let Some(file) = entry.file.as_deref() {
             let mut judge = Judge { entry, file, role: role_of(index), warnings };
-            material.radiance = judge.radiance(read.emissive.map(Rgb::from_array))?;
-            let kd = read.diffuse.map(Rgb::from_array);
-            material.reflectance = judge.reflectance(kd, material.emits())?;
+            material.radiance = judge.radiance()?;
+            material.reflectance = judge.reflectance(material.emits())?;
         }
         materials.push(material);
     }
@@ -52,60 +47,56 @@ struct Judge<'a> {
 
 impl Judge<'_> {
     /// Ke, or else no light.
-    fn radiance(&mut self, ke: Option<Rgb>) -> Result<Rgb> {
-        let ke = ke.unwrap_or(Rgb::ZERO);
-        if ke.to_array().iter().all(|channel| (0.0..=LARGEST).contains(channel)) {
-            return Ok(ke);
+    fn radiance(&mut self) -> Result<Rgb> {
+        let Some(ke) = self.entry.ke else { return Ok(Rgb::ZERO) };
+        if ke.value.to_array().iter().all(|channel| (0.0..=LARGEST).contains(channel)) {
+            return Ok(ke.value);
         }
         let cause = self.out_of_range("Ke", ke, &format!("[0, {LARGEST:e}]"));
         let remedy = "give Ke as a radiance in W/(sr·m²), which is not negative";
-        self.refuse(cause, self.entry.ke_line, remedy)?;
+        self.refuse(cause, ke.line, remedy)?;
         Ok(Rgb::ZERO)
     }
 
     /// Kd, or else black for a lamp and mid grey for anything else.
-    fn reflectance(&mut self, kd: Option<Rgb>, emits: bool) -> Result<Rgb> {
+    fn reflectance(&mut self, emits: bool) -> Result<Rgb> {
         let default = if emits { Rgb::ZERO } else { Material::fallback().reflectance };
-        let Some(kd) = kd else {
+        let Some(kd) = self.entry.kd else {
             if self.role.used && !self.role.replaced {
                 let name = quote(&self.entry.name);
                 let text = format!("material {name} has no Kd: its reflectance is {}", default.x);
-                self.warn(Some(self.entry.line), text);
+                self.warn(self.entry.line, text);
             }
             return Ok(default);
         };
-        if kd.to_array().iter().all(|channel| (0.0..1.0).contains(channel)) {
-            return Ok(kd);
+        if kd.value.to_array().iter().all(|channel| (0.0..1.0).contains(channel)) {
+            return Ok(kd.value);
         }
         if !self.role.replaced {
             let remedy = "lower Kd below 1 (real surfaces stay below 0.95), or override the \
                           material's `reflectance` in a scene description";
             let cause = self.out_of_range("Kd", kd, "[0, 1)");
-            self.refuse(cause, self.entry.kd_line, remedy)?;
+            self.refuse(cause, kd.line, remedy)?;
         }
         Ok(default)
     }
 
-    fn out_of_range(&self, keyword: &str, value: Rgb, range: &str) -> String {
-        let [r, g, b] = value.to_array();
+    fn out_of_range(&self, keyword: &str, color: Color, range: &str) -> String {
+        let [r, g, b] = color.value.to_array();
         format!("{keyword} {r} {g} {b} of material {} is outside {range}", quote(&self.entry.name))
     }
 
     /// An error if a face uses the material, else a warning.
-    fn refuse(&mut self, cause: String, line: Option<usize>, remedy: &str) -> Result<()> {
+    fn refuse(&mut self, cause: String, line: usize, remedy: &str) -> Result<()> {
         if !self.role.used {
             self.warn(line, format!("{cause}; no face uses it, so the value is dropped"));
             return Ok(());
         }
-        let error = Error::new(cause).remedy(remedy).in_file(self.file);
-        Err(match line {
-            Some(line) => error.at_line(line),
-            None => error,
-        })
+        Err(Error::new(cause).remedy(remedy).in_file(self.file).at_line(line))
     }
 
-    fn warn(&mut self, line: Option<usize>, text: String) {
-        self.warnings.push(Warning::in_file(self.file, line, text));
+    fn warn(&mut self, line: usize, text: String) {
+        self.warnings.push(Warning::in_file(self.file, Some(line), text));
     }
 }
 
@@ -113,7 +104,7 @@ impl Judge<'_> {
 mod tests {
     use super::*;
 
-    /// Lets `tobj` read the one material in `text` and judges it.
+    /// Reads the one material in `text` and judges it.
     fn judge(text: &str, role: Role) -> Result<(Material, Vec<String>)> {
         let (mut library, mut warnings) = (Library::default(), Vec::new());
         library.add(Path::new("a.mtl"), &format!("newmtl m\n{text}"), &mut warnings)?;

@@ -1,7 +1,7 @@
 //! Reads the lines of an OBJ file, each once.
 //!
-//! `tobj` reads the MTL files only. Its errors carry no line, it reads some malformed lines as
-//! something else, and it does not tell which face of the file a triangle comes from.
+//! `tobj` would read OBJ files too, but its errors carry no line, it reads some malformed
+//! lines as something else, and it does not tell which face of the file a triangle comes from.
 
 use std::collections::HashMap;
 use std::path::Path;

@@ -1,10 +1,13 @@
-//! Checks MTL files line by line and reduces them to what `tobj` is to read: `newmtl`, and `Kd`
-//! and `Ke` with three numbers each. `tobj` itself panics at the grey `Kd 0.5`.
+//! Reads MTL files line by line. Of a material, only `Kd` and `Ke` matter to diffuse light.
+//!
+//! `tobj` reads the colours. It gets one at a time, so that what it refuses has a line, and always
+//! three numbers, since it panics at the grey `Kd 0.5`.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::text::{keyword_and_rest, number, numbered_lines, quote, words};
+use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 
 /// All materials of a model, with names that differ from each other.
@@ -23,11 +26,16 @@ pub(super) struct Entry {
     pub file: Option<PathBuf>,
     /// The line of `newmtl`.
     pub line: usize,
-    pub kd_line: Option<usize>,
-    pub ke_line: Option<usize>,
+    pub kd: Option<Color>,
+    pub ke: Option<Color>,
     textured: bool,
-    /// The lines for `tobj`.
-    text: String,
+}
+
+/// A colour and the line where it stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Color {
+    pub value: Rgb,
+    pub line: usize,
 }
 
 impl Library {
@@ -57,13 +65,8 @@ impl Library {
         self.put(Entry { name: name.to_owned(), ..Entry::default() });
     }
 
-    /// The materials as one MTL text for `tobj`, in the order of `entries`.
-    pub(super) fn text(&self) -> String {
-        self.entries.iter().map(|entry| format!("newmtl {}\n{}", entry.name, entry.text)).collect()
-    }
-
     /// Puts `entry` into the place of the one with its name, or else at the end. So the last
-    /// definition of a name counts, as it does in `tobj`.
+    /// definition of a name counts.
     fn put(&mut self, entry: Entry) -> usize {
         if let Some(&index) = self.by_name.get(&entry.name) {
             self.entries[index] = entry;
@@ -91,8 +94,8 @@ impl Checker<'_> {
         let (keyword, rest) = keyword_and_rest(text);
         match keyword {
             "newmtl" => self.newmtl(line, rest)?,
-            "Kd" => self.color(keyword, rest)?.kd_line = Some(line),
-            "Ke" => self.color(keyword, rest)?.ke_line = Some(line),
+            "Kd" => self.entry(keyword)?.kd = Some(Color { value: rgb(keyword, rest)?, line }),
+            "Ke" => self.entry(keyword)?.ke = Some(Color { value: rgb(keyword, rest)?, line }),
             "map_Kd" | "map_Ke" => self.entry(keyword)?.textured = true,
             _ => {}
         }
@@ -114,13 +117,6 @@ impl Checker<'_> {
             ..Entry::default()
         }));
         Ok(())
-    }
-
-    fn color(&mut self, keyword: &str, rest: &str) -> Result<&mut Entry> {
-        let [r, g, b] = rgb_words(keyword, rest)?;
-        let entry = self.entry(keyword)?;
-        entry.text.push_str(&format!("{keyword} {r} {g} {b}\n"));
-        Ok(entry)
     }
 
     /// The entry that a line with `keyword` belongs to.
@@ -157,25 +153,40 @@ impl Checker<'_> {
     }
 }
 
-/// The three numbers of a colour. One number means grey, by the MTL specification.
-fn rgb_words<'a>(keyword: &str, rest: &'a str) -> Result<[&'a str; 3]> {
+/// A colour in linear RGB. One number means grey, by the MTL specification.
+fn rgb(keyword: &str, rest: &str) -> Result<Rgb> {
     let given: Vec<&str> = words(rest).collect();
     if let [form @ ("spectral" | "xyz"), ..] = given[..] {
         return Err(Error::new(format!("`{keyword} {form}` is not supported"))
             .remedy(format!("write the colour in linear RGB as `{keyword} r g b`")));
     }
-    for word in &given {
-        number(word)?;
+    let read = match given[..] {
+        [grey] => read_by_tobj([grey; 3]),
+        [r, g, b] => read_by_tobj([r, g, b]),
+        _ => None,
+    };
+    read.ok_or_else(|| wrong_color(keyword, &given))
+}
+
+/// None if one of the words is not a finite number.
+fn read_by_tobj(numbers: [&str; 3]) -> Option<Rgb> {
+    // A vertical tab or a blank of Unicode is part of a word here, yet not for `tobj`.
+    if numbers.iter().any(|word| word.contains(char::is_whitespace)) {
+        return None;
     }
-    match given[..] {
-        [grey] => Ok([grey; 3]),
-        [r, g, b] => Ok([r, g, b]),
-        _ => Err(Error::new(format!(
-            "`{keyword}` takes 1 or 3 numbers, this one has {}",
-            given.len()
-        ))
-        .remedy(format!("write `{keyword} r g b`"))),
-    }
+    let [r, g, b] = numbers;
+    let text = format!("newmtl color\nKd {r} {g} {b}\n");
+    let (materials, _) = tobj::load_mtl_buf(&mut text.as_bytes()).ok()?;
+    materials.first()?.diffuse.map(Rgb::from_array).filter(|rgb| rgb.is_finite())
+}
+
+/// Finds out why the words are no colour.
+fn wrong_color(keyword: &str, given: &[&str]) -> Error {
+    let malformed = given.iter().find_map(|word| number(word).err());
+    malformed.unwrap_or_else(|| {
+        Error::new(format!("`{keyword}` takes 1 or 3 numbers, this one has {}", given.len()))
+            .remedy(format!("write `{keyword} r g b`"))
+    })
 }
 
 #[cfg(test)]
@@ -194,11 +205,13 @@ mod tests {
     }
 
     #[test]
-    fn grey_is_written_out_for_tobj_and_the_rest_is_left_away() {
+    fn one_number_is_grey_and_other_statements_are_passed_over() {
         let text = "newmtl a b\r\nKd 0.5\r\nKs what\nd -halo 1\nKe 1 2 3 # lamp\n";
         let (library, warnings) = check(text).unwrap();
-        assert_eq!(library.text(), "newmtl a b\nKd 0.5 0.5 0.5\nKe 1 2 3\n");
-        assert_eq!((library.entries[0].kd_line, library.entries[0].ke_line), (Some(2), Some(5)));
+        let [entry] = &library.entries[..] else { panic!("one material") };
+        assert_eq!(entry.name, "a b");
+        assert_eq!(entry.kd, Some(Color { value: Rgb::splat(0.5), line: 2 }));
+        assert_eq!(entry.ke, Some(Color { value: Rgb::new(1.0, 2.0, 3.0), line: 5 }));
         assert!(warnings.is_empty());
     }
 
@@ -213,6 +226,7 @@ mod tests {
             error_of("newmtl a\nKd 0 0 0 0"),
             "a.mtl:2: `Kd` takes 1 or 3 numbers, this one has 4"
         );
+        assert!(error_of("newmtl a\nKd 0 \u{a0} 1").ends_with("is not a number"));
         assert_eq!(error_of("newmtl a\nKd 0 0 O"), "a.mtl:2: `O` is not a number");
         assert_eq!(error_of("newmtl a\nKe 0 0 inf"), "a.mtl:2: `inf` is not a finite number");
         assert_eq!(
@@ -227,7 +241,9 @@ mod tests {
     #[test]
     fn the_last_of_two_definitions_counts_and_is_told() {
         let (library, warnings) = check("newmtl a\nKd 0.1\nnewmtl b\nnewmtl a\nKe 9\n").unwrap();
-        assert_eq!(library.text(), "newmtl a\nKe 9 9 9\nnewmtl b\n");
+        let [a, b] = &library.entries[..] else { panic!("two materials") };
+        assert_eq!((a.name.as_str(), b.name.as_str()), ("a", "b"));
+        assert_eq!((a.kd, a.ke), (None, Some(Color { value: Rgb::splat(9.0), line: 5 })));
         assert_eq!(
             warnings,
             ["a.mtl:4: material `a` is defined again and replaces the one in line 1"]
