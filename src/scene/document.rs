@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 pub const MAX_SIZE: u32 = 1 << 16;
 pub const MAX_SAMPLES: u32 = 1 << 20;
 
-/// What a description file says. A bare model is a description that says only its name.
+/// The content of a description file. A bare model is a description that says only its name.
 #[derive(Debug, Clone)]
 pub struct Document {
     /// The description file, or the bare model.

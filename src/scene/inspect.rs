@@ -1,4 +1,4 @@
-//! What is in a scene, counted.
+//! Counts of everything in a scene.
 
 use super::Scene;
 use crate::color::Rgb64;

@@ -20,7 +20,7 @@ pub struct Material {
 }
 
 impl Material {
-    /// What a face gets whose material is missing: mid grey, no light of its own.
+    /// The material of a face whose own is missing: mid grey, no light of its own.
     pub fn fallback() -> Self {
         Material {
             name: "default".into(),

@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
-/// What the model files say about the triangles of a scene. It is empty for triangles that come
+/// The faces that the triangles of a scene come from, as the model files give them. It is empty for triangles that come
 /// from no file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Mesh {

@@ -1,4 +1,4 @@
-//! What an OBJ file has that is left aside: counted, and told in one warning for each kind.
+//! Counts the statements of an OBJ file that are left aside, for one warning of each kind.
 
 use std::path::Path;
 

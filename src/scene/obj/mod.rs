@@ -51,13 +51,7 @@ pub fn load(path: &Path) -> Result<Model> {
 /// Like [`load`], for a scene description that overrides the reflectance of the materials whose
 /// name `overrides`: their Kd may be missing or out of range, and is then a placeholder.
 pub fn load_with_overrides(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
-    if path.as_os_str().is_empty() {
-        return Err(Error::new("the path of the model is empty").remedy("name an OBJ file"));
-    }
-    let bytes = read_bytes(path).map_err(|error| {
-        Error::io(path, "read the model", &error).remedy("check the path and its permissions")
-    })?;
-    let mut obj = read_obj(path, &decode(bytes, path, "OBJ")?)?;
+    let mut obj = read_obj(path, &text_of(path)?)?;
     let library = read_library(path, &mut obj)?;
     let mut warnings = std::mem::take(&mut obj.warnings);
 
@@ -73,6 +67,16 @@ pub fn load_with_overrides(path: &Path, overrides: impl Fn(&str) -> bool) -> Res
     let (triangles, mesh) = cut(obj);
     let material_of = mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
     Ok(Model { triangles, material_of, materials, mesh, warnings })
+}
+
+fn text_of(path: &Path) -> Result<String> {
+    if path.as_os_str().is_empty() {
+        return Err(Error::new("the path of the model is empty").remedy("name an OBJ file"));
+    }
+    let bytes = read_bytes(path).map_err(|error| {
+        Error::io(path, "read the model", &error).remedy("check the path and its permissions")
+    })?;
+    decode(bytes, path, "OBJ")
 }
 
 /// Each face's material, an index into the entries of `library`; the number of entries stands for
@@ -127,9 +131,11 @@ mod tests {
             fs::write(folder.path().join(name), bytes).unwrap();
         }
         let prefix = format!("{}/", folder.path().display());
-        let told = |message: String| message.replace(&prefix, "");
-        let model = load(&folder.path().join("a.obj")).map_err(|error| told(error.to_string()))?;
-        let warnings = model.warnings.iter().map(|warning| told(warning.to_string())).collect();
+        let without_folder = |message: String| message.replace(&prefix, "");
+        let model = load(&folder.path().join("a.obj"))
+            .map_err(|error| without_folder(error.to_string()))?;
+        let warnings =
+            model.warnings.iter().map(|warning| without_folder(warning.to_string())).collect();
         Ok((model, warnings))
     }
 

@@ -9,7 +9,7 @@ use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::scene::material::Material;
 
-/// What the model knows about a material apart from its values.
+/// The use that the model makes of a material.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Role {
     /// Whether a face has this material.

@@ -50,7 +50,7 @@ pub(super) struct Corner {
     pub normal: u32,
 }
 
-/// What follows a keyword, and the line where it stood first.
+/// The words after a keyword, and the line where they stood first.
 #[derive(Debug, PartialEq)]
 pub(super) struct Named {
     pub name: String,

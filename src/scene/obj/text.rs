@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 /// form-factor kernel, still fit into `f32`.
 pub(super) const LARGEST: f32 = 1e12;
 
-/// A file of this kind shows within so many bytes that it is not text.
+/// A binary file shows within this number of bytes that it is not text.
 const HEAD: usize = 4096;
 
 /// The bytes of a regular file. Directories are refused, and pipes and devices too, since reading
@@ -108,7 +108,7 @@ fn is_binary(head: &[u8]) -> bool {
     head.contains(&0) || 2 * odd > head.len()
 }
 
-/// What stands before the backslash at the end of a continued line. Comments are never continued:
+/// The part of a continued line before its backslash. Comments are never continued:
 /// they like to end in the name of a Windows folder.
 fn before_backslash(line: &str) -> Option<&str> {
     let beginning = line.trim_end().strip_suffix('\\')?;
