@@ -26,7 +26,7 @@ mod embree {
     /// Newer than the headers in embree4-sys, and absent before Embree 4.3.3.
     const LAST_ERROR_MESSAGE: &str = "rtcGetDeviceLastErrorMessage";
 
-    pub fn configure() -> Result<(), String> {
+    pub(crate) fn configure() -> Result<(), String> {
         println!("cargo::rerun-if-env-changed=EMBREE_DIR");
         println!("cargo::rustc-check-cfg=cfg(embree_last_error_message)");
         let (include, version) = find_include()?;

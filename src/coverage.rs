@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const POINTS: u32 = 4;
 
 /// The uncovered share of each patch's area, in [0, 1], and the number of rays that it took.
-pub fn uncovered(caster: &impl RayCaster, mesh: &PatchMesh) -> (Vec<f64>, u64) {
+pub(crate) fn uncovered(caster: &impl RayCaster, mesh: &PatchMesh) -> (Vec<f64>, u64) {
     let rays = AtomicU64::new(0);
     let shares = (0..mesh.len())
         .into_par_iter()
@@ -33,7 +33,11 @@ pub fn uncovered(caster: &impl RayCaster, mesh: &PatchMesh) -> (Vec<f64>, u64) {
 }
 
 /// The uncovered share of one patch's area, in [0, 1], and the number of rays that it took.
-pub fn uncovered_share(caster: &impl RayCaster, mesh: &PatchMesh, patch: PatchId) -> (f64, u64) {
+pub(crate) fn uncovered_share(
+    caster: &impl RayCaster,
+    mesh: &PatchMesh,
+    patch: PatchId,
+) -> (f64, u64) {
     let side = mesh.side(patch);
     let [p0, p1, p2] = mesh.triangle(patch).p;
     let directions = probes(side.normal);

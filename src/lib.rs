@@ -33,20 +33,20 @@
 //! | 0 | [`error`] | errors that the user can fix: file, line, cause, remedy |
 //! | 1 | [`settings`] | what a user can ask for: flags, `[patches]` and `[light]`, programs |
 //! | 1 | [`progress`] | how far a computation is, and whether it shall stop |
-//! | 1 | [`color`], [`sampling`], [`memory`] | linear RGB; seeded points and their maps; memory free and used |
+//! | 1 | [`color`], [`sampling`], `memory` | linear RGB; seeded points and their maps; memory free and used |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
 //! | 3 | [`scene`] | OBJ and MTL, the TOML description, materials, camera, topology |
 //! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic; the eight-wide SIMD hierarchy |
 //! | 5 | `oracle` (feature `embree`) | Embree: device, scene under construction, committed scene |
 //! | 5 | [`verify`] | exact referee, derived bounds, verdicts, adversarial rays |
-//! | 5 | [`form_factor`], [`coverage`] | pairwise and hemispherical estimates, direct light; what is covered |
+//! | 5 | [`form_factor`], `coverage` | pairwise and hemispherical estimates, direct light; what is covered |
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
-//! | 8 | [`render`], [`export`] | flat and smooth pictures, exposure; files that appear whole |
+//! | 8 | [`render`], `export` | flat and smooth pictures, exposure; files that appear whole |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
-//! | 9 | [`mod@bench`] | rays per second beside Embree's, on scenes made in memory |
+//! | 9 | `bench` | rays per second beside Embree's, on scenes made in memory |
 //! | 10 | [`cli`] | one file per subcommand |
 //!
 //! # Decisions
@@ -69,7 +69,7 @@
 //! - **Near pairs are sampled by solid angle.** 1/r² has no finite variance over two patches that share
 //!   an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
 //! - **Covered parts do not count.** A patch that is partly covered by another surface is weighted by its
-//!   uncovered part ([`coverage`]), so no dark triangles appear at the feet of blocks.
+//!   uncovered part (`coverage`), so no dark triangles appear at the feet of blocks.
 //! - **Every ray can be checked.** [`verify`] traces ordinary and adversarial rays with the native tracer
 //!   and its peers. An exact referee settles each difference, within error bounds that are derived.
 //! - **No seam leaks.** Where rounding hides on which side of an edge a ray passes, the side is decided
@@ -83,17 +83,17 @@
 //!
 //! [`RayCaster`]: geometry::RayCaster
 
-pub mod bench;
+mod bench;
 pub mod bvh;
 pub mod cli;
 pub mod color;
-pub mod coverage;
+mod coverage;
 pub mod equivalence;
 pub mod error;
-pub mod export;
+mod export;
 pub mod form_factor;
 pub mod geometry;
-pub mod memory;
+mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;
 pub mod patches;

@@ -3,7 +3,7 @@
 use crate::error::{Error, ErrorKind, Result};
 
 /// Memory that can be had without swapping, in bytes; `None` where the system does not report it.
-pub fn available() -> Option<u64> {
+pub(crate) fn available() -> Option<u64> {
     let mut system = sysinfo::System::new().ok()?;
     system.refresh_memory();
     let free = system.available_memory();
@@ -12,7 +12,7 @@ pub fn available() -> Option<u64> {
 }
 
 /// The most memory that this process has held so far, in bytes. `None` except on Linux.
-pub fn peak() -> Option<u64> {
+pub(crate) fn peak() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
@@ -23,7 +23,7 @@ pub fn peak() -> Option<u64> {
 ///
 /// # Errors
 /// An error of kind [`ErrorKind::Memory`], with both numbers and the caller's remedy.
-pub fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
+pub(crate) fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
     match limit {
         Some(limit) if bytes > limit => Err(Error::new(format!(
             "{what} needs {}, and {} may be used",

@@ -35,7 +35,7 @@ pub struct Solution {
     levels: Vec<u32>,
     /// H in W·m⁻², per patch.
     pub irradiance: Vec<Rgb64>,
-    /// The uncovered share of the area, in [0, 1], per patch; see [`coverage`](crate::coverage).
+    /// The uncovered share of the area, in [0, 1], per patch; see `coverage`.
     pub uncovered: Vec<f64>,
     pub figures: Figures,
     /// The view that is drawn unless another is asked for.

@@ -6,6 +6,6 @@
 //! | [`rays`] | the rays that radiosity casts: camera, incoherent, segments |
 //! | [`race`] | every engine over the same rays, in turns |
 
-pub mod race;
-pub mod rays;
-pub mod scenes;
+pub(crate) mod race;
+pub(crate) mod rays;
+pub(crate) mod scenes;

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 /// The tracer, and its kernel, that an engine competes for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Contender {
+pub(crate) enum Contender {
     Native,
     /// Embree's default kernel, which is not watertight.
     Embree,
@@ -16,7 +16,7 @@ pub enum Contender {
 }
 
 /// A tracer and a way to ask it.
-pub struct Engine<'t> {
+pub(crate) struct Engine<'t> {
     pub name: &'static str,
     pub contender: Contender,
     pub caster: &'t (dyn RayCaster + 't),
@@ -26,14 +26,14 @@ pub struct Engine<'t> {
 
 /// The question that is asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Query {
+pub(crate) enum Query {
     Nearest,
     Occluded,
 }
 
 /// One engine's rounds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Rates {
+pub(crate) struct Rates {
     pub engine: &'static str,
     /// Millions of rays per second: the median round, the slowest and the fastest.
     pub median: f64,
@@ -48,7 +48,7 @@ const BATCH: usize = 4096;
 
 /// Lets each engine trace all rays `rounds` times in this thread's pool, after one round that is not
 /// timed.
-pub fn race(engines: &[Engine], rays: &[Ray], query: Query, rounds: usize) -> Vec<Rates> {
+pub(crate) fn race(engines: &[Engine], rays: &[Ray], query: Query, rounds: usize) -> Vec<Rates> {
     let hits: Vec<u64> = engines.iter().map(|engine| engine.trace(rays, query)).collect();
     let mut times = vec![Vec::with_capacity(rounds); engines.len()];
     for _ in 0..rounds {

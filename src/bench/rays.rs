@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// The use that the rays are for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Workload {
+pub(crate) enum Workload {
     /// Nearest hits of one picture's rays, in tiles of 4 × 4 pixels.
     Camera,
     /// Nearest hits of cosine-distributed rays, each from another point of the surfaces.
@@ -18,9 +18,10 @@ pub enum Workload {
 }
 
 impl Workload {
-    pub const ALL: [Workload; 3] = [Workload::Camera, Workload::Incoherent, Workload::Segments];
+    pub(crate) const ALL: [Workload; 3] =
+        [Workload::Camera, Workload::Incoherent, Workload::Segments];
 
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Workload::Camera => "camera",
             Workload::Incoherent => "incoherent",
@@ -29,7 +30,7 @@ impl Workload {
     }
 
     /// About `count` rays: for a picture, the next square of tiles.
-    pub fn rays(self, scene: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
+    pub(crate) fn rays(self, scene: &BenchScene, count: u64, seed: u64) -> Vec<Ray> {
         match self {
             Workload::Camera => camera(scene, count),
             Workload::Incoherent => incoherent(scene, count, seed),

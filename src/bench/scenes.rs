@@ -8,7 +8,7 @@ use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Triangles and where to look at them from.
-pub struct BenchScene {
+pub(crate) struct BenchScene {
     pub name: String,
     pub triangles: Arc<[Triangle]>,
     pub camera: Camera,
@@ -16,7 +16,7 @@ pub struct BenchScene {
 
 /// The scenes by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BuiltIn {
+pub(crate) enum BuiltIn {
     /// 36 triangles: a room with a lamp and two blocks.
     Cornell,
     /// About 70,000: a room full of curved things.
@@ -26,9 +26,9 @@ pub enum BuiltIn {
 }
 
 impl BuiltIn {
-    pub const ALL: [BuiltIn; 3] = [BuiltIn::Cornell, BuiltIn::Room, BuiltIn::Atrium];
+    pub(crate) const ALL: [BuiltIn; 3] = [BuiltIn::Cornell, BuiltIn::Room, BuiltIn::Atrium];
 
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             BuiltIn::Cornell => "cornell",
             BuiltIn::Room => "room",
@@ -36,7 +36,7 @@ impl BuiltIn {
         }
     }
 
-    pub fn scene(self, seed: u64) -> BenchScene {
+    pub(crate) fn scene(self, seed: u64) -> BenchScene {
         let dice = Dice { stream: Stream::new(seed, Purpose::Bench, 0, PointSet::Random), next: 0 };
         let (triangles, eye, target) = match self {
             BuiltIn::Cornell => cornell(),

@@ -12,7 +12,7 @@ use fearless_simd::Simd;
 use std::cell::RefCell;
 
 /// A thread's memory for tracing, so that no ray pays for an allocation.
-pub struct Scratch {
+pub(super) struct Scratch {
     pub stack: Vec<Entry>,
     groups: Vec<Group>,
     /// Rays that have nothing in common with their neighbours.
@@ -31,7 +31,7 @@ thread_local! {
 
 /// Lends this thread's memory, with room for `entries` on each ray's stack.
 #[inline(always)]
-pub fn with_scratch<R>(entries: usize, trace: impl FnOnce(&mut Scratch) -> R) -> R {
+pub(super) fn with_scratch<R>(entries: usize, trace: impl FnOnce(&mut Scratch) -> R) -> R {
     SCRATCH.with_borrow_mut(|scratch| {
         // Every stack of the rays in flight is the same share of all.
         if scratch.stack.len() < entries * SLOTS {
@@ -48,7 +48,7 @@ const SMALL: usize = 256;
 
 /// Calls `finish` with each ray's number and its nearest hit, or any hit if `ANY`.
 #[inline(always)]
-pub fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
+pub(super) fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     rays: &[Ray],

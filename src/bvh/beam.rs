@@ -11,7 +11,7 @@ use super::ray_lanes::STRETCH;
 use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// The ranges of a packet's origins and inverse directions.
-pub struct Beam<S: Simd> {
+pub(super) struct Beam<S: Simd> {
     /// `None` where the rays go both ways, which gives no bound.
     axes: [Option<BeamAxis<S>>; 3],
     t_min: f32x8<S>,
@@ -29,7 +29,7 @@ struct BeamAxis<S: Simd> {
 
 impl<S: Simd> Beam<S> {
     #[inline(always)]
-    pub fn new(packet: &Packet<S>) -> Self {
+    pub(super) fn new(packet: &Packet<S>) -> Self {
         let simd = packet.simd;
         let axis = |axis: usize| {
             let range = |lanes: f32x8<S>| [lanes.reduce_min(), lanes.reduce_max()];
@@ -52,7 +52,7 @@ impl<S: Simd> Beam<S> {
 
     /// The boxes that a ray of the packet may enter, as a mask, and before which distance none does.
     #[inline(always)]
-    pub fn enter(&self, packet: &Packet<S>, node: &Node) -> (u64, [f32; WIDTH]) {
+    pub(super) fn enter(&self, packet: &Packet<S>, node: &Node) -> (u64, [f32; WIDTH]) {
         let simd = packet.simd;
         let t_max = (packet.t_max * packet.t_scale).reduce_max();
         let (mut near, mut far) = (self.t_min, f32x8::splat(simd, t_max));

@@ -15,7 +15,7 @@ use obvhs::splits::split_aabbs_precise;
 use rayon::prelude::*;
 
 /// The parts of a hierarchy.
-pub struct Parts {
+pub(super) struct Parts {
     /// The root is number 0, and always there.
     pub nodes: Vec<Node>,
     pub leaves: Leaves,
@@ -48,7 +48,7 @@ impl Effort {
     }
 }
 
-pub fn build(triangles: &[Triangle], effort: Effort) -> Parts {
+pub(super) fn build(triangles: &[Triangle], effort: Effort) -> Parts {
     if triangles.is_empty() {
         return Parts { nodes: vec![Node::EMPTY], leaves: Leaves::new(&[], &[], &[]), depth: 1 };
     }

@@ -17,13 +17,13 @@ const TRIANGLE: f32 = 0.1;
 /// A child of a wide node: a node of the binary tree that becomes a node, or whose triangles become one
 /// leaf.
 #[derive(Debug, Clone, Copy)]
-pub enum Member {
+pub(super) enum Member {
     Node(usize),
     Leaf(usize),
 }
 
 /// The least costs of a binary tree's nodes.
-pub struct Collapse<'t> {
+pub(super) struct Collapse<'t> {
     tree: &'t Bvh2,
     /// For each binary node, its least cost as a forest of at most 1, 2, … 7 trees.
     costs: Vec<[f32; WIDTH - 1]>,
@@ -36,7 +36,7 @@ impl<'t> Collapse<'t> {
     ///
     /// # Panics
     /// Unless the tree's nodes lie before their children.
-    pub fn new(tree: &'t Bvh2) -> Self {
+    pub(super) fn new(tree: &'t Bvh2) -> Self {
         assert!(tree.children_are_ordered_after_parents, "costs are known from the leaves up");
         let count = tree.nodes.len();
         let mut collapse =
@@ -98,7 +98,7 @@ impl<'t> Collapse<'t> {
     }
 
     /// The one to eight members of a binary node that becomes a node; `members` is overwritten.
-    pub fn members(&self, node: usize, members: &mut Vec<Member>) {
+    pub(super) fn members(&self, node: usize, members: &mut Vec<Member>) {
         members.clear();
         if self.tree.nodes[node].is_leaf() {
             members.push(Member::Leaf(node));
@@ -133,7 +133,7 @@ impl<'t> Collapse<'t> {
     }
 
     /// Appends the triangles below a binary node, in ascending order, each once.
-    pub fn triangles(&self, node: usize, triangles: &mut Vec<u32>) {
+    pub(super) fn triangles(&self, node: usize, triangles: &mut Vec<u32>) {
         let first = triangles.len();
         self.append(node, triangles);
         triangles[first..].sort_unstable();

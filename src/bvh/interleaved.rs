@@ -11,7 +11,7 @@ use crate::geometry::{Hit, Ray};
 use fearless_simd::Simd;
 
 /// Rays in flight, each in a slot of its own. With 16 or 64 nothing changed beyond the noise.
-pub const SLOTS: usize = 32;
+pub(super) const SLOTS: usize = 32;
 
 /// Numbers of some slots.
 #[derive(Clone, Copy)]
@@ -71,7 +71,7 @@ impl Turn {
 
 /// Calls `finish` with the number of each of the rays `which` and its nearest hit, or any if `ANY`.
 #[inline(always)]
-pub fn trace_interleaved<S: Simd, K: LeafKernel, const ANY: bool>(
+pub(super) fn trace_interleaved<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     rays: &[Ray],

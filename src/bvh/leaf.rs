@@ -6,22 +6,22 @@ use fearless_simd::{Simd, f32x8, prelude::*};
 use rayon::prelude::*;
 
 /// Numbers per triangle: p₀, e₁, e₂ (three each), its reach and the rank of its id.
-pub const WORDS: usize = 11;
-pub const REACH: usize = 9;
-pub const RANK: usize = 10;
+pub(super) const WORDS: usize = 11;
+pub(super) const REACH: usize = 9;
+pub(super) const RANK: usize = 10;
 
 /// Leaf after leaf; within a leaf of n triangles the numbers of one kind, n of them, lie together.
 ///
 /// So nothing is padded, and eight lanes can be loaded from any leaf: lanes beyond its triangles
 /// hold something else and are masked.
 #[derive(Debug)]
-pub struct Leaves {
+pub(super) struct Leaves {
     pub words: Vec<f32>,
 }
 
 impl Leaves {
     /// Leaves that hold `counts` of the triangles with these `numbers`, one after the other.
-    pub fn new(triangles: &[Triangle], numbers: &[u32], counts: &[u8]) -> Self {
+    pub(super) fn new(triangles: &[Triangle], numbers: &[u32], counts: &[u8]) -> Self {
         let mut words = vec![0.0; numbers.len() * WORDS + WIDTH];
         let (mut rest_of_words, mut rest) = (&mut words[..], numbers);
         let mut parts = Vec::new();
@@ -45,11 +45,11 @@ impl Leaves {
 
     /// The words of a leaf, and the lanes behind them.
     #[inline(always)]
-    pub fn words_of(&self, first: usize, count: usize) -> &[f32] {
+    pub(super) fn words_of(&self, first: usize, count: usize) -> &[f32] {
         &self.words[first * WORDS..(first + count) * WORDS + WIDTH]
     }
 
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         size_of_val(&self.words[..])
     }
 }
@@ -136,16 +136,16 @@ impl Leaf<'_> {
 const NORMAL_BIT: u32 = 1 << 30;
 
 /// Above the rank of every triangle.
-pub const NO_RANK: f32 = f32::INFINITY;
+pub(super) const NO_RANK: f32 = f32::INFINITY;
 
 /// A positive number that grows with the id, so that lanes can compare ids as they compare t.
 #[inline(always)]
-pub fn rank_of(id: TriangleId) -> f32 {
+pub(super) fn rank_of(id: TriangleId) -> f32 {
     f32::from_bits(id.0 | NORMAL_BIT)
 }
 
 /// The id of that rank.
 #[inline(always)]
-pub fn id_of(rank: f32) -> TriangleId {
+pub(super) fn id_of(rank: f32) -> TriangleId {
     TriangleId(rank.to_bits() & !NORMAL_BIT)
 }

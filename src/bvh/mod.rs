@@ -35,7 +35,7 @@ mod node;
 mod packet;
 mod packet_walk;
 mod ray_lanes;
-pub mod simd;
+pub(crate) mod simd;
 mod stream;
 #[cfg(test)]
 mod tests;
@@ -122,7 +122,7 @@ impl<K: Kernel> Bvh<K> {
     /// none, up to 2²⁸ pieces.
     ///
     /// # Panics
-    /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see [`simd::level`].
+    /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see `simd::level`.
     pub fn build(triangles: impl Into<Arc<[Triangle]>>) -> Self {
         Self::build_with(triangles, Effort::Quick)
     }

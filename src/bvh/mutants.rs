@@ -12,15 +12,15 @@ use crate::geometry::{Kernel, MollerTrumbore, Ray, RayCaster, Triangle};
 use glam::DVec3;
 
 /// A named fault, to be built over any triangles.
-pub struct Mutant {
+pub(crate) struct Mutant {
     pub name: &'static str,
     pub build: for<'t> fn(&'t [Triangle]) -> Box<dyn RayCaster + 't>,
 }
 
 /// The caster without a fault, as the mutants' copy of the kernel has it.
-pub const CONTROL: Mutant = Mutant { name: "no fault", build: kernel::<NO_FAULT> };
+pub(crate) const CONTROL: Mutant = Mutant { name: "no fault", build: kernel::<NO_FAULT> };
 
-pub const MUTANTS: [Mutant; 22] = [
+pub(crate) const MUTANTS: [Mutant; 22] = [
     Mutant { name: "a box one ulp too small", build: |t| data(t, shrink_a_box) },
     Mutant { name: "a child dropped", build: |t| data(t, drop_a_child) },
     Mutant {

@@ -30,7 +30,7 @@ pub struct Packet<S: Simd> {
 /// Origin, direction, t_min and t_max of eight rays. Each of three perfect shuffles moves every number's
 /// place by one bit, from the row's three to the column's.
 #[inline(always)]
-pub fn columns<S: Simd>(simd: S, rays: [Ray; WIDTH]) -> [f32x8<S>; 8] {
+pub(super) fn columns<S: Simd>(simd: S, rays: [Ray; WIDTH]) -> [f32x8<S>; 8] {
     let mut rows = rays.map(|Ray { origin: o, direction: d, t_min, t_max }| {
         f32x8::load_array(simd, [o.x, o.y, o.z, d.x, d.y, d.z, t_min, t_max])
     });
@@ -47,13 +47,13 @@ pub fn columns<S: Simd>(simd: S, rays: [Ray; WIDTH]) -> [f32x8<S>; 8] {
 
 /// The largest component of eight directions.
 #[inline(always)]
-pub fn longest<S: Simd>(direction: [f32x8<S>; 3]) -> f32x8<S> {
+pub(super) fn longest<S: Simd>(direction: [f32x8<S>; 3]) -> f32x8<S> {
     direction[0].abs().max(direction[1].abs()).max(direction[2].abs())
 }
 
 /// See [`moller_trumbore::band_scale`](crate::geometry::moller_trumbore::band_scale).
 #[inline(always)]
-pub fn band_scale<S: Simd>(longest: f32x8<S>) -> f32x8<S> {
+pub(super) fn band_scale<S: Simd>(longest: f32x8<S>) -> f32x8<S> {
     longest * f32x8::splat(longest.simd, 64.0 * f32::EPSILON / 2.0)
 }
 

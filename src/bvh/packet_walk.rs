@@ -20,19 +20,19 @@ const BEAM_FROM_NODE: u32 = 6;
 
 /// A child, the rays that have to visit it (as a mask), and where the first of them enters.
 #[derive(Debug, Clone, Copy)]
-pub struct Group {
+pub(super) struct Group {
     child: Child,
     rays: u32,
     entry: f32,
 }
 
 impl Group {
-    pub const NONE: Group = Group { child: Child::ROOT, rays: 0, entry: 0.0 };
+    pub(super) const NONE: Group = Group { child: Child::ROOT, rays: 0, entry: 0.0 };
 }
 
 /// The nearest hits of the first `count` of eight rays, or any hits if `ANY`.
 #[inline(always)]
-pub fn trace_packet<S: Simd, K: LeafKernel, const ANY: bool>(
+pub(super) fn trace_packet<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     rays: &[Ray; WIDTH],

@@ -8,10 +8,10 @@ use glam::Vec3;
 
 /// 1 + 2γ₃: how far rounding can put a box's entry behind its exit, or behind a hit inside it (Ize,
 /// *Robust BVH Ray Traversal*, JCGT 2(2), 2013).
-pub const STRETCH: f32 = 1.0 + 6.0 * f32::EPSILON / 2.0;
+pub(super) const STRETCH: f32 = 1.0 + 6.0 * f32::EPSILON / 2.0;
 
 /// 2⁻⁶⁴: below it directions are lengthened for the box test, to at least 2⁻⁸⁵ for any denormal.
-pub const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
+pub(super) const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
 
 /// A ray with what is computed once for all boxes and triangles.
 #[derive(Debug, Clone, Copy)]

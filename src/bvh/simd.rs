@@ -14,7 +14,7 @@ const VARIABLE: &str = "ISOLUX_SIMD";
 ///
 /// # Errors
 /// If the variable holds an unknown name or the processor lacks what it asks for.
-pub fn level() -> Result<Level> {
+pub(crate) fn level() -> Result<Level> {
     static ASKED: OnceLock<Option<String>> = OnceLock::new();
     let asked = ASKED
         .get_or_init(|| std::env::var_os(VARIABLE).map(|name| name.to_string_lossy().into_owned()));
@@ -25,7 +25,7 @@ pub fn level() -> Result<Level> {
 }
 
 /// The instruction set of that name.
-pub fn level_of(name: &str) -> Result<Level> {
+pub(crate) fn level_of(name: &str) -> Result<Level> {
     let level = match name {
         "portable" => Some(Level::baseline()),
         #[cfg(target_arch = "x86_64")]

@@ -43,7 +43,7 @@ struct Visit {
 
 /// A thread's memory for tracing streams.
 #[derive(Debug)]
-pub struct Stream {
+pub(super) struct Stream {
     rows: Box<Rows>,
     lists: Vec<u8>,
     /// For each ray of a list, the boxes that it enters.
@@ -52,7 +52,7 @@ pub struct Stream {
 }
 
 impl Stream {
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         let zeros = [0.0; RAYS];
         let rows = Rows {
             rays: [Ray::new(Vec3::ZERO, Vec3::ZERO); RAYS],
@@ -73,7 +73,7 @@ impl Stream {
 
     /// Calls `finish` with the number of each of the rays `which` and its nearest hit, or any if `ANY`.
     #[inline(always)]
-    pub fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
+    pub(super) fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
         &mut self,
         simd: S,
         bvh: &Bvh<K>,

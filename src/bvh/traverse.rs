@@ -14,18 +14,18 @@ use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8, u64x2};
 use std::hint::select_unpredictable;
 
 /// A place to visit: the [`order`] of its entry distance above, the child below.
-pub type Entry = u64;
+pub(super) type Entry = u64;
 
 /// The entry below all others on a stack: as near as can be, so that it is never left out.
 const END: Entry = 0;
 
 /// The triangle of no hit.
-pub const NOTHING: TriangleId = TriangleId(u32::MAX);
+pub(super) const NOTHING: TriangleId = TriangleId(u32::MAX);
 
 /// How far a ray has come.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-pub struct Walk {
+pub(super) struct Walk {
     prepared: PreparedRay,
     nearest: Hit,
     /// Entries on its stack, including the end.
@@ -35,13 +35,13 @@ pub struct Walk {
 impl Walk {
     /// At the root, with nothing found.
     #[inline(always)]
-    pub fn new(ray: &Ray, stack: &mut [Entry]) -> Self {
+    pub(super) fn new(ray: &Ray, stack: &mut [Entry]) -> Self {
         Walk::resume(ray, None, Child::ROOT, stack)
     }
 
     /// At some child, with what was found before.
     #[inline(always)]
-    pub fn resume(ray: &Ray, found: Option<Hit>, from: Child, stack: &mut [Entry]) -> Self {
+    pub(super) fn resume(ray: &Ray, found: Option<Hit>, from: Child, stack: &mut [Entry]) -> Self {
         stack[0] = END;
         stack[1] = from.0 as Entry;
         let nothing = Hit { triangle: NOTHING, t: ray.t_max, u: 0.0, v: 0.0 };
@@ -49,14 +49,14 @@ impl Walk {
     }
 
     #[inline(always)]
-    pub fn hit(&self) -> Option<Hit> {
+    pub(super) fn hit(&self) -> Option<Hit> {
         if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
     }
 
     /// Takes the next child to visit, unless the walk [is over](Walk::is_over). Children behind the nearest
     /// hit are left out.
     #[inline(always)]
-    pub fn next<const ANY: bool>(&mut self, stack: &[Entry]) -> Child {
+    pub(super) fn next<const ANY: bool>(&mut self, stack: &[Entry]) -> Child {
         if ANY {
             return Child(stack[self.waiting - 1] as u32);
         }
@@ -72,13 +72,13 @@ impl Walk {
     }
 
     #[inline(always)]
-    pub fn is_over(&self) -> bool {
+    pub(super) fn is_over(&self) -> bool {
         self.waiting == 1
     }
 
     /// Takes the node on top of the stack and puts the children there that the ray enters.
     #[inline(always)]
-    pub fn visit_node<S: Simd, const ANY: bool>(
+    pub(super) fn visit_node<S: Simd, const ANY: bool>(
         &mut self,
         simd: S,
         nodes: &[Node],
@@ -100,7 +100,7 @@ impl Walk {
     /// Takes the leaf on top of the stack and asks its triangles. Of several hits at the same t, that of
     /// the lowest triangle is kept, whatever the order of the walk; of any hit only that there is one.
     #[inline(always)]
-    pub fn visit_leaf<S: Simd, K: LeafKernel, const ANY: bool>(
+    pub(super) fn visit_leaf<S: Simd, K: LeafKernel, const ANY: bool>(
         &mut self,
         simd: S,
         bvh: &Bvh<K>,
@@ -207,7 +207,7 @@ fn push_far_to_near<S: Simd>(
 
 /// A walk from where it is to its end.
 #[inline(always)]
-pub fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
+pub(super) fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     mut walk: Walk,
@@ -228,7 +228,7 @@ pub fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
 
 /// The nearest hit of one ray, or any if `ANY`.
 #[inline(always)]
-pub fn trace_single<S: Simd, K: LeafKernel, const ANY: bool>(
+pub(super) fn trace_single<S: Simd, K: LeafKernel, const ANY: bool>(
     simd: S,
     bvh: &Bvh<K>,
     ray: &Ray,

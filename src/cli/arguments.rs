@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 /// Solve a scene's radiosity and draw it.
 #[derive(clap::Args)]
-pub struct RenderArguments {
+pub(super) struct RenderArguments {
     /// A scene description (.toml), a model (.obj), or solved light (.light)
     pub scene: PathBuf,
 
@@ -55,7 +55,7 @@ pub struct RenderArguments {
 
 /// A camera from the command line.
 #[derive(clap::Args)]
-pub struct ViewArguments {
+pub(super) struct ViewArguments {
     /// A view that the scene describes as [views.NAME]; several draw a picture each: room.png becomes
     /// room-NAME.png
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = parse_view,
@@ -85,7 +85,7 @@ pub struct ViewArguments {
 impl ViewArguments {
     /// # Errors
     /// See [`Camera::new`].
-    pub fn camera(&self) -> Result<Option<Camera>> {
+    pub(super) fn camera(&self) -> Result<Option<Camera>> {
         let (Some(position), Some(look_at)) = (self.position, self.look_at) else {
             return Ok(None);
         };
@@ -96,7 +96,7 @@ impl ViewArguments {
 
 /// How the light is solved.
 #[derive(Clone, Default, PartialEq, clap::Args)]
-pub struct LightArguments {
+pub(super) struct LightArguments {
     #[command(flatten)]
     patches: PatchSettings,
 
@@ -106,7 +106,7 @@ pub struct LightArguments {
 
 impl LightArguments {
     /// Flags come before the description.
-    pub fn settings(&self, document: &Document, seed: u64) -> Settings {
+    pub(super) fn settings(&self, document: &Document, seed: u64) -> Settings {
         Settings {
             patches: self.patches.or(&document.patches),
             light: self.light.or(&document.light),
@@ -117,7 +117,7 @@ impl LightArguments {
 
 /// Options that every run has.
 #[derive(clap::Args)]
-pub struct RunArguments {
+pub(super) struct RunArguments {
     /// Ray–triangle intersection: the triangle's plane first, or Cramer's rule at once
     #[arg(long, default_value = "moller-trumbore", help_heading = "Run")]
     pub kernel: KernelKind,
@@ -138,7 +138,7 @@ pub struct RunArguments {
 
 impl RunArguments {
     /// Does `work` with the number of threads that was asked for.
-    pub fn in_pool(&self, work: impl FnOnce() -> Result<()> + Send) -> Result<()> {
+    pub(super) fn in_pool(&self, work: impl FnOnce() -> Result<()> + Send) -> Result<()> {
         let mut pool = rayon::ThreadPoolBuilder::new();
         if let Some(threads) = self.threads {
             pool = pool.num_threads(threads as usize);
@@ -150,7 +150,7 @@ impl RunArguments {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum ShadingName {
+pub(super) enum ShadingName {
     Flat,
     Smooth,
 }

@@ -19,7 +19,7 @@ use std::time::Instant;
 
 /// Time rays through the native tracer and through Embree, side by side.
 #[derive(clap::Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// cornell, room, atrium, a scene description (.toml) or a model (.obj); the first three if none
     scenes: Vec<PathBuf>,
 
@@ -47,7 +47,7 @@ pub struct Arguments {
     json: Option<PathBuf>,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.json {
         check_writable(path)?;
     }
@@ -228,24 +228,24 @@ mod embree {
     use crate::oracle::{Device, EmbreeScene, Options, Packets};
     use std::time::Instant;
 
-    pub struct Casters {
+    pub(super) struct Casters {
         pub bytes: Option<usize>,
         all: Vec<(&'static str, Contender, EmbreeScene)>,
     }
 
-    pub fn oracle() -> Result<String> {
+    pub(super) fn oracle() -> Result<String> {
         Ok(Device::new("")?.description())
     }
 
     /// The time that Embree's default kernel takes, at its highest quality.
-    pub fn oracle_build_seconds(stage: &BenchScene) -> Result<Option<f64>> {
+    pub(super) fn oracle_build_seconds(stage: &BenchScene) -> Result<Option<f64>> {
         let device = Device::new("")?;
         let start = Instant::now();
         EmbreeScene::build(&device, &stage.triangles, Options::default())?;
         Ok(Some(start.elapsed().as_secs_f64()))
     }
 
-    pub fn oracle_casters(stage: &BenchScene) -> Result<Casters> {
+    pub(super) fn oracle_casters(stage: &BenchScene) -> Result<Casters> {
         let device = Device::new("")?;
         let mut casters = Casters { bytes: None, all: Vec::new() };
         for (contender, names) in [
@@ -265,7 +265,7 @@ mod embree {
     }
 
     impl Casters {
-        pub fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
+        pub(super) fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
             self.all.iter().map(|(name, contender, scene)| Engine {
                 name,
                 contender: *contender,
@@ -282,24 +282,24 @@ use embree::{oracle, oracle_build_seconds, oracle_casters};
 mod alone {
     use super::{BenchScene, Engine, Result};
 
-    pub struct Casters {
+    pub(super) struct Casters {
         pub bytes: Option<usize>,
     }
 
-    pub fn oracle() -> Result<String> {
+    pub(super) fn oracle() -> Result<String> {
         Ok("without Embree; to race it, build with --features embree (see the README)".into())
     }
 
-    pub fn oracle_build_seconds(_: &BenchScene) -> Result<Option<f64>> {
+    pub(super) fn oracle_build_seconds(_: &BenchScene) -> Result<Option<f64>> {
         Ok(None)
     }
 
-    pub fn oracle_casters(_: &BenchScene) -> Result<Casters> {
+    pub(super) fn oracle_casters(_: &BenchScene) -> Result<Casters> {
         Ok(Casters { bytes: None })
     }
 
     impl Casters {
-        pub fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
+        pub(super) fn engines(&self) -> impl Iterator<Item = Engine<'_>> {
             std::iter::empty()
         }
     }

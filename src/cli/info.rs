@@ -9,12 +9,12 @@ use std::path::PathBuf;
 
 /// Count what is in a scene: triangles, materials, emitters, and what is wrong with the mesh.
 #[derive(clap::Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// A scene description (.toml) or a model (.obj)
     scene: PathBuf,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let description = Document::open(&arguments.scene)?;
     let scene = Scene::load(&description)?;
     warn(&scene.warnings);

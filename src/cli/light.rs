@@ -24,7 +24,7 @@ pub(super) struct Plan {
 
 impl Plan {
     /// Flags come before the description, and the description before the defaults.
-    pub fn new(
+    pub(super) fn new(
         light: &LightArguments,
         run: &RunArguments,
         document: &Document,
@@ -37,7 +37,7 @@ impl Plan {
     }
 
     /// A hierarchy that is built as thoroughly as the light's rays and `more` of them are worth.
-    pub fn caster(&self, more: u64) -> Tracer {
+    pub(super) fn caster(&self, more: u64) -> Tracer {
         let rays = self.choices.expected_rays(&self.mesh).saturating_add(more);
         let scene = &self.mesh.scene;
         let effort = Effort::for_rays(scene.triangles.len(), rays);
@@ -45,7 +45,7 @@ impl Plan {
     }
 
     /// The solution, and the rays that it took. `times` gets the seconds of each step.
-    pub fn solve(
+    pub(super) fn solve(
         &self,
         document: &Document,
         caster: &Tracer,

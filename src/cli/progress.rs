@@ -5,10 +5,10 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::sync::RwLock;
 
 /// Bars on standard error, one after the other; drawn only if that is a terminal.
-pub struct Bars(RwLock<ProgressBar>);
+pub(super) struct Bars(RwLock<ProgressBar>);
 
 impl Bars {
-    pub fn new() -> Bars {
+    pub(super) fn new() -> Bars {
         Bars(RwLock::new(ProgressBar::hidden()))
     }
 

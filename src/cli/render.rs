@@ -19,7 +19,7 @@ use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub fn run(arguments: &RenderArguments) -> Result<()> {
+pub(super) fn run(arguments: &RenderArguments) -> Result<()> {
     arguments.run.in_pool(|| run_in_pool(arguments))
 }
 

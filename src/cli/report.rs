@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// The facts of one run. Times in seconds, energies per channel in watts, defects raw.
 #[derive(Serialize)]
-pub struct Report {
+pub(super) struct Report {
     pub scene: String,
     pub triangles: usize,
     pub patches: usize,
@@ -39,7 +39,7 @@ pub struct Report {
 }
 
 #[derive(Serialize, Default)]
-pub struct Seconds {
+pub(super) struct Seconds {
     pub load: f64,
     pub build: f64,
     pub transport: f64,
@@ -49,7 +49,7 @@ pub struct Seconds {
 }
 
 #[derive(Serialize)]
-pub struct EnergyBalance {
+pub(super) struct EnergyBalance {
     emitted: [f64; 3],
     absorbed: [f64; 3],
     /// `null` where it is not known apart from what escaped.
@@ -70,7 +70,7 @@ impl From<Energy> for EnergyBalance {
 
 impl Report {
     /// The figures of a run with this solution, before anything is drawn. The caller fills in `rays`.
-    pub fn new<'p>(
+    pub(super) fn new<'p>(
         solution: &Solution,
         seconds: Seconds,
         files: impl IntoIterator<Item = &'p Path>,
@@ -97,14 +97,14 @@ impl Report {
         }
     }
 
-    pub fn to_json(&self) -> Vec<u8> {
+    pub(super) fn to_json(&self) -> Vec<u8> {
         let mut text = serde_json::to_string_pretty(self).expect("plain numbers and strings");
         text.push('\n');
         text.into_bytes()
     }
 
     /// The few lines that end a run.
-    pub fn to_text(&self) -> String {
+    pub(super) fn to_text(&self) -> String {
         let s = &self.seconds;
         let mut text = format!("{}\n", self.scene);
         let mut line = |name: &str, value: String| {

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 /// Solve a scene's light once and keep it; `isolux render ROOM.light` shows it from anywhere.
 #[derive(clap::Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// A scene description (.toml) or a model (.obj)
     scene: PathBuf,
 
@@ -27,7 +27,7 @@ pub struct Arguments {
     run: RunArguments,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
     arguments.run.in_pool(|| run_in_pool(arguments))
 }
 

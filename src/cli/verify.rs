@@ -39,7 +39,7 @@ const FAILURES_PRINTED: usize = 4;
 /// Trace rays, ordinary and adversarial, through every tracer there is, and let an exact referee settle
 /// every difference. Exit code 1 if our own tracer is ever wrong.
 #[derive(clap::Args)]
-pub struct Arguments {
+pub(super) struct Arguments {
     /// A scene description (.toml) or a model (.obj)
     scene: PathBuf,
 
@@ -120,7 +120,7 @@ fn embree_configurations(_: &Arguments) -> Result<Vec<&'static str>> {
     Ok(vec![""])
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut worst = ExitCode::SUCCESS;
     for embree in embree_configurations(arguments)? {
         let code = verify(arguments, embree)?;

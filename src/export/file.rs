@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 /// A file to be written.
-pub struct Output {
+pub(crate) struct Output {
     pub path: PathBuf,
     pub bytes: Vec<u8>,
 }
@@ -16,7 +16,7 @@ pub struct Output {
 ///
 /// # Errors
 /// With the path and the remedy.
-pub fn check_writable(path: &Path) -> Result<()> {
+pub(crate) fn check_writable(path: &Path) -> Result<()> {
     if path.is_dir() || path.file_name().is_none() {
         return Err(Error::new("this is a folder, not a file")
             .in_file(path)
@@ -43,7 +43,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// With the path and the remedy.
-pub fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
+pub(crate) fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
     // A file that is not there yet is known by its folder and name.
     let place = |path: &Path| {
         std::fs::canonicalize(path)
@@ -66,7 +66,7 @@ pub fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
 ///
 /// # Errors
 /// Whatever the system says: a full disk, a missing permission.
-pub fn write_all(outputs: Vec<Output>) -> Result<()> {
+pub(crate) fn write_all(outputs: Vec<Output>) -> Result<()> {
     let (special, plain): (Vec<_>, Vec<_>) = outputs.into_iter().partition(|o| is_special(&o.path));
     let staged: Vec<(NamedTempFile, PathBuf)> = plain
         .into_iter()

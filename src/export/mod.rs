@@ -1,4 +1,4 @@
 //! Files: whole or not at all.
 
-pub mod file;
-pub mod picture;
+pub(crate) mod file;
+pub(crate) mod picture;

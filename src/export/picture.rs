@@ -24,7 +24,7 @@ impl Image {
 
 /// A file format, known by the file's ending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub(crate) enum Format {
     /// 8-bit sRGB after an exposure.
     Png,
     /// Linear radiance, 32-bit float.
@@ -36,7 +36,7 @@ pub enum Format {
 impl Format {
     /// # Errors
     /// An ending that nobody writes.
-    pub fn of(path: &Path) -> Result<Format> {
+    pub(crate) fn of(path: &Path) -> Result<Format> {
         let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         match ending.as_deref() {
             Some("png") => Ok(Format::Png),
@@ -52,7 +52,7 @@ impl Format {
     ///
     /// # Errors
     /// Whatever the encoder refuses.
-    pub fn encode(self, image: &Image, exposure: f32) -> Result<Vec<u8>> {
+    pub(crate) fn encode(self, image: &Image, exposure: f32) -> Result<Vec<u8>> {
         let (width, height) = (image.width, image.height);
         let mut bytes = Cursor::new(Vec::new());
         let encoded = match self {

@@ -5,7 +5,7 @@
 //! keeps what they hit. [`direct`] estimates the light that arrives straight from the emitters.
 
 pub mod direct;
-pub mod exchange;
+mod exchange;
 pub mod hemisphere;
 pub mod pairs;
 mod spherical;

@@ -31,18 +31,18 @@ pub(super) struct Facet<'s> {
 }
 
 impl<'s> Facet<'s> {
-    pub fn new(shape: Triangle, side: &'s Side) -> Self {
+    pub(super) fn new(shape: Triangle, side: &'s Side) -> Self {
         let centroid = shape.centroid();
         let radius = shape.p.iter().map(|p| p.distance(centroid)).fold(0.0, f32::max);
         let sampled = side.sampling_area(&shape);
         Facet { area: shape.area() as f32, sampled, centroid, radius, shape, side }
     }
 
-    pub fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
+    pub(super) fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
         Facet::new(mesh.triangle(patch), mesh.side(patch))
     }
 
-    pub fn area(&self) -> f64 {
+    pub(super) fn area(&self) -> f64 {
         self.area as f64
     }
 
@@ -61,7 +61,7 @@ pub(super) struct PairPoint {
 }
 
 impl PairPoint {
-    pub fn uniform([x0, x1, y0, y1]: [f32; 4]) -> Self {
+    pub(super) fn uniform([x0, x1, y0, y1]: [f32; 4]) -> Self {
         PairPoint { on_a: uniform_triangle(x0, x1), on_b: uniform_triangle(y0, y1), xi_b: [y0, y1] }
     }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use std::f64::consts::PI;
 
 /// A triangle as seen from a point: its projection onto the unit sphere about that point.
-pub struct SphericalTriangle {
+pub(super) struct SphericalTriangle {
     a: DVec3,
     b: DVec3,
     c: DVec3,
@@ -20,7 +20,7 @@ pub struct SphericalTriangle {
 
 impl SphericalTriangle {
     /// `None` if the point lies in the triangle's plane, so that it is seen edge-on.
-    pub fn new(corners: [DVec3; 3], from: DVec3) -> Option<Self> {
+    pub(super) fn new(corners: [DVec3; 3], from: DVec3) -> Option<Self> {
         let [a, b, c] = corners.map(|p| (p - from).normalize_or_zero());
         // Van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983: well conditioned where
         // the sum of angles minus π cancels.
@@ -38,7 +38,7 @@ impl SphericalTriangle {
     }
 
     /// The unit direction for (ξ₀, ξ₁) in [0, 1)²; density 1 / `solid_angle`.
-    pub fn direction(&self, xi0: f64, xi1: f64) -> DVec3 {
+    pub(super) fn direction(&self, xi0: f64, xi1: f64) -> DVec3 {
         // The arc from b to a point c' of side ac cuts off the area ξ₀Ω (Arvo, §2, eq. for q̂).
         let (sin_alpha, cos_alpha) = self.alpha.sin_cos();
         let (sin_phi, cos_phi) = (xi0 * self.solid_angle - self.alpha).sin_cos();

@@ -1,14 +1,14 @@
 //! Rays, triangles, and the two ways in which they meet.
 
 pub mod bounds;
-pub mod brute_force;
-pub mod caster;
+mod brute_force;
+mod caster;
 pub mod kernel;
 pub mod moller_trumbore;
-pub mod plane;
-pub mod ray;
+mod plane;
+mod ray;
 pub mod shapes;
-pub mod surface;
+pub(crate) mod surface;
 pub mod triangle;
 
 pub use brute_force::BruteForce;

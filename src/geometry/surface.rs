@@ -5,7 +5,7 @@ use crate::sampling::{cosine_hemisphere, uniform_triangle};
 use glam::Vec3;
 
 /// Picks points of some triangles with density 1/(total area).
-pub struct Surface<'t> {
+pub(crate) struct Surface<'t> {
     triangles: &'t [Triangle],
     /// Sums of the triangles' areas, relative to the whole.
     cumulative_area: Vec<f64>,
@@ -13,7 +13,7 @@ pub struct Surface<'t> {
 
 /// A point of a triangle, by its barycentrics.
 #[derive(Debug, Clone, Copy)]
-pub struct Point<'t> {
+pub(crate) struct Point<'t> {
     pub triangle: &'t Triangle,
     pub u: f32,
     pub v: f32,
@@ -22,7 +22,7 @@ pub struct Point<'t> {
 impl<'t> Surface<'t> {
     /// # Panics
     /// If no triangle has an area.
-    pub fn new(triangles: &'t [Triangle]) -> Self {
+    pub(crate) fn new(triangles: &'t [Triangle]) -> Self {
         let total: f64 = triangles.iter().map(Triangle::area).sum();
         assert!(total > 0.0, "points need a surface to lie on");
         let mut sum = 0.0;
@@ -35,7 +35,7 @@ impl<'t> Surface<'t> {
 
     /// The point for a uniform `xi`: its first two numbers place it in the triangle that the third
     /// chooses.
-    pub fn point(&self, xi: [f32; 4]) -> Point<'t> {
+    pub(crate) fn point(&self, xi: [f32; 4]) -> Point<'t> {
         let last = self.cumulative_area.len() - 1;
         let index = self.cumulative_area.partition_point(|&sum| sum <= xi[2] as f64).min(last);
         let [_, u, v] = uniform_triangle(xi[0], xi[1]);
@@ -44,17 +44,17 @@ impl<'t> Surface<'t> {
 }
 
 impl Point<'_> {
-    pub fn position(&self) -> Vec3 {
+    pub(crate) fn position(&self) -> Vec3 {
         self.triangle.at(self.u, self.v)
     }
 
     /// The position, lifted off the front by what rounding can do to it.
-    pub fn lifted(&self) -> Vec3 {
+    pub(crate) fn lifted(&self) -> Vec3 {
         self.position() + self.triangle.normal() * self.triangle.ray_offset()
     }
 
     /// A ray off the front whose direction has density cosθ/π, for uniform `xi0` and `xi1`.
-    pub fn leaving(&self, xi0: f32, xi1: f32) -> Ray {
+    pub(crate) fn leaving(&self, xi0: f32, xi1: f32) -> Ray {
         let normal = self.triangle.normal();
         Ray::new(
             self.position() + normal * self.triangle.ray_offset(),

@@ -9,12 +9,12 @@
 /// The output of bindgen: names and contents are Embree's.
 #[allow(non_camel_case_types, non_snake_case, non_upper_case_globals, missing_docs, dead_code)]
 // Generated code, with Embree's own comments: nothing in it is ours to fix.
-#[allow(clippy::all, rustdoc::all)]
+#[allow(clippy::all, rustdoc::all, unreachable_pub)]
 mod installed {
     include!(concat!(env!("OUT_DIR"), "/embree.rs"));
 }
 
-pub use installed::{
+pub(super) use installed::{
     RTC_VERSION_MAJOR, RTC_VERSION_MINOR, RTCHit, RTCHit4, RTCHit8, RTCHit16, RTCRay, RTCRay4,
     RTCRay8, RTCRay16, RTCRayHit, RTCRayHit4, RTCRayHit8, RTCRayHit16,
 };

@@ -13,15 +13,15 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    pub fn new() -> Self {
+    pub(super) fn new() -> Self {
         Memory { used: AtomicIsize::new(0), limit: AtomicIsize::new(isize::MAX) }
     }
 
-    pub fn used(&self) -> usize {
+    pub(super) fn used(&self) -> usize {
         self.used.load(Relaxed).max(0) as usize
     }
 
-    pub fn set_limit(&self, bytes: usize) {
+    pub(super) fn set_limit(&self, bytes: usize) {
         self.limit.store(bytes.try_into().unwrap_or(isize::MAX), Relaxed);
     }
 

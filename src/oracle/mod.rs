@@ -24,7 +24,7 @@
 //! }
 //! ```
 //!
-//! [`layout`] holds the structs as the installed Embree lays them out; `embree4_sys` serves the
+//! `layout` holds the structs as the installed Embree lays them out; `embree4_sys` serves the
 //! functions, handles and enums.
 //!
 //! [`RayCaster`]: crate::geometry::RayCaster
@@ -33,7 +33,7 @@ mod cast;
 mod device;
 mod error;
 mod isa;
-pub mod layout;
+mod layout;
 mod memory;
 mod packet;
 mod query;

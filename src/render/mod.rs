@@ -2,7 +2,7 @@
 
 pub mod shading;
 pub mod smooth;
-pub mod tone;
+pub(crate) mod tone;
 
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};

@@ -1,7 +1,7 @@
 //! Irradiance carried from the patches to their vertices, so that it can be interpolated.
 //!
 //! A vertex gets the mean of the patches around it, weighted by the area of theirs that is not
-//! [covered](crate::coverage) (Cohen & Wallace, §10.1; what lies under a block is no neighbour). Where
+//! covered (Cohen & Wallace, §10.1; what lies under a block is no neighbour). Where
 //! two triangles meet at less than the crease angle, the vertices of their common edge are one.
 //! Irradiance is carried rather than radiosity, so that a change of material along a smooth surface
 //! stays sharp.

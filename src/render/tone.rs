@@ -8,7 +8,7 @@ use crate::color::{luminance, srgb_encode};
 ///
 /// `lamp` is the luminance of the dimmest emitter. What only reflects is darker than the brightest,
 /// so that pixels of half that and more are taken for lamps, unless there is nothing else.
-pub fn automatic_exposure(image: &Image, lamp: f32) -> f32 {
+pub(crate) fn automatic_exposure(image: &Image, lamp: f32) -> f32 {
     let lit: Vec<f32> = image.pixels.iter().map(|p| luminance(*p)).filter(|l| *l > 0.0).collect();
     let reflecting: Vec<f32> = lit.iter().copied().filter(|l| *l < 0.5 * lamp).collect();
     let mut lit = if reflecting.is_empty() { lit } else { reflecting };
@@ -21,7 +21,7 @@ pub fn automatic_exposure(image: &Image, lamp: f32) -> f32 {
 }
 
 /// 8-bit sRGB, three bytes per pixel.
-pub fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
+pub(crate) fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
     let encode = |x: f32| (srgb_encode(x * exposure) * 255.0 + 0.5) as u8;
     image.pixels.iter().flat_map(|p| p.to_array().map(encode)).collect()
 }

@@ -2,18 +2,18 @@
 //! 1984).
 
 /// The members 0 to n − 1 in groups. At first each is a group of its own.
-pub struct Groups {
+pub(crate) struct Groups {
     /// For each member another one of its group, nearer to the root, which names itself.
     parent: Vec<usize>,
 }
 
 impl Groups {
-    pub fn new(count: usize) -> Self {
+    pub(crate) fn new(count: usize) -> Self {
         Groups { parent: (0..count).collect() }
     }
 
     /// The member that stands for the group, which is the lowest.
-    pub fn root(&mut self, mut member: usize) -> usize {
+    pub(crate) fn root(&mut self, mut member: usize) -> usize {
         while self.parent[member] != member {
             self.parent[member] = self.parent[self.parent[member]];
             member = self.parent[member];
@@ -21,7 +21,7 @@ impl Groups {
         member
     }
 
-    pub fn join(&mut self, a: usize, b: usize) {
+    pub(crate) fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b)] = a.min(b);
     }

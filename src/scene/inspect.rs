@@ -7,7 +7,7 @@ use crate::geometry::bounds::Bounds;
 
 /// The facts that `isolux info` prints.
 #[derive(Debug, Clone)]
-pub struct Inspection {
+pub(crate) struct Inspection {
     pub triangles: usize,
     /// Objects that the model files name.
     pub objects: usize,
@@ -28,7 +28,7 @@ pub struct Inspection {
 
 /// How much of the scene has a material.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MaterialUse {
+pub(crate) struct MaterialUse {
     pub triangles: usize,
     /// In square units, one side.
     pub area: f64,
@@ -37,7 +37,7 @@ pub struct MaterialUse {
 }
 
 impl Inspection {
-    pub fn of(scene: &Scene) -> Inspection {
+    pub(crate) fn of(scene: &Scene) -> Inspection {
         let topology = scene.topology();
         Inspection {
             triangles: scene.triangles.len(),
@@ -52,7 +52,7 @@ impl Inspection {
         }
     }
 
-    pub fn emitting_triangles(&self) -> usize {
+    pub(crate) fn emitting_triangles(&self) -> usize {
         self.materials.iter().filter(|m| m.power != Rgb64::ZERO).map(|m| m.triangles).sum()
     }
 }

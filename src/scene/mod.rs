@@ -2,11 +2,11 @@
 
 pub mod camera;
 pub mod document;
-pub mod groups;
-pub mod inspect;
+pub(crate) mod groups;
+pub(crate) mod inspect;
 pub mod material;
 pub mod mesh;
-pub mod obj;
+pub(crate) mod obj;
 pub mod topology;
 
 use crate::color::luminance;
@@ -93,7 +93,7 @@ impl Scene {
         let (mut mesh, mut warnings) = (Mesh::default(), Vec::new());
         let replaced = description.overridden_reflectances();
         for (number, path) in (0..).zip(&description.models) {
-            let model = obj::load_with_overrides(path, |name| replaced.contains(name))?;
+            let model = obj::load(path, |name| replaced.contains(name))?;
             let offset = materials.len() as u32;
             triangles.extend(model.triangles.into_iter().map(|p| Triangle { p }));
             material_of.extend(model.material_of.iter().map(|m| MaterialId(m.0 + offset)));

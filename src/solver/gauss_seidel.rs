@@ -10,7 +10,7 @@ use crate::form_factor::FormFactors;
 use crate::patches::PatchId;
 use crate::progress::Progress;
 
-pub fn solve(
+pub(super) fn solve(
     problem: &Problem,
     form_factors: &FormFactors,
     stop: Stop,

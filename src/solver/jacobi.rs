@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::form_factor::FormFactors;
 use crate::progress::Progress;
 
-pub fn solve(
+pub(super) fn solve(
     problem: &Problem,
     form_factors: &FormFactors,
     stop: Stop,

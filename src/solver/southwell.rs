@@ -12,7 +12,7 @@ use crate::form_factor::RowSource;
 use crate::patches::PatchId;
 use crate::progress::Progress;
 
-pub fn solve(
+pub(super) fn solve(
     problem: &Problem,
     rows: &impl RowSource,
     stop: Stop,

@@ -63,7 +63,7 @@ enum Place {
 }
 
 /// Decides exactly how a ray meets a triangle, for any f32 numbers.
-pub fn examine(ray: &Ray, triangle: &Triangle) -> Examined {
+pub(crate) fn examine(ray: &Ray, triangle: &Triangle) -> Examined {
     let cramer = Cramer::new(ray, triangle);
     Examined { contact: decide(ray, triangle, &cramer), cramer }
 }
@@ -160,7 +160,7 @@ fn compare_t(exact: &Signs, cramer: &Cramer, bound: f32) -> Ordering {
 /// Which of two triangles' planes the ray meets first; `None` if it is parallel to one.
 ///
 /// All coordinates must be finite.
-pub fn compare(
+pub(crate) fn compare(
     ray: &Ray,
     (first, first_cramer): (&Triangle, &Cramer),
     (second, second_cramer): (&Triangle, &Cramer),

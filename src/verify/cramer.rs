@@ -128,7 +128,7 @@ fn flip(ordering: Ordering, sign: Ordering) -> Ordering {
 
 /// The cross product with every product made positive, and added.
 #[inline]
-pub fn abs_cross(a: DVec3, b: DVec3) -> DVec3 {
+pub(crate) fn abs_cross(a: DVec3, b: DVec3) -> DVec3 {
     let (a, b) = (a.abs(), b.abs());
     DVec3::new(a.y * b.z + a.z * b.y, a.z * b.x + a.x * b.z, a.x * b.y + a.y * b.x)
 }

@@ -20,18 +20,18 @@ use std::cmp::Ordering;
 
 /// The row `p − q` of a determinant, not rounded.
 #[derive(Debug, Clone, Copy)]
-pub struct Difference {
+pub(crate) struct Difference {
     pub p: Vec3,
     pub q: Vec3,
 }
 
 impl Difference {
-    pub fn new(p: Vec3, q: Vec3) -> Self {
+    pub(crate) fn new(p: Vec3, q: Vec3) -> Self {
         Difference { p, q }
     }
 
     /// The vector itself.
-    pub fn of(p: Vec3) -> Self {
+    pub(crate) fn of(p: Vec3) -> Self {
         Difference { p, q: Vec3::ZERO }
     }
 
@@ -51,7 +51,7 @@ impl Difference {
 /// The sign of the determinant whose rows are a, b and c, that is of a·(b × c): `Less` is negative.
 ///
 /// All coordinates must be finite.
-pub fn determinant_sign(rows: [Difference; 3]) -> Ordering {
+pub(crate) fn determinant_sign(rows: [Difference; 3]) -> Ordering {
     match rows.map(Difference::in_f64) {
         [Some(a), Some(b), Some(c)] => {
             let coord = |v: DVec3| Coord3D { x: v.x, y: v.y, z: v.z };
@@ -70,7 +70,11 @@ fn determinant_sign_in_integers(rows: [Difference; 3]) -> Ordering {
 /// How the distance t to the first triangle's plane compares with that to the second's.
 ///
 /// `None` if the line is parallel to one of the planes. All coordinates must be finite.
-pub fn compare_distances(ray: &Ray, first: &Triangle, second: &Triangle) -> Option<Ordering> {
+pub(crate) fn compare_distances(
+    ray: &Ray,
+    first: &Triangle,
+    second: &Triangle,
+) -> Option<Ordering> {
     let points = [ray.origin, ray.direction].into_iter();
     let grid = BinaryGrid::of(points.chain(first.p).chain(second.p));
     let (n1, d1) = distance(grid, ray, first)?;
@@ -82,7 +86,11 @@ pub fn compare_distances(ray: &Ray, first: &Triangle, second: &Triangle) -> Opti
 ///
 /// `None` if the line is parallel to the plane. All coordinates must be finite, and `bound` may be
 /// infinite, but not NaN.
-pub fn compare_distance_with(ray: &Ray, triangle: &Triangle, bound: f32) -> Option<Ordering> {
+pub(crate) fn compare_distance_with(
+    ray: &Ray,
+    triangle: &Triangle,
+    bound: f32,
+) -> Option<Ordering> {
     let grid = BinaryGrid::of([ray.origin, ray.direction].into_iter().chain(triangle.p));
     let (n, d) = distance(grid, ray, triangle)?;
     if bound.is_infinite() {
@@ -167,46 +175,46 @@ fn sign(x: &IBig) -> Ordering {
 /// The numerators' and the denominator's signs for a ray and a triangle.
 ///
 /// The rows follow from [`cramer`](super::cramer): (a × b)·c = det[a, b, c].
-pub struct Signs<'a> {
+pub(crate) struct Signs<'a> {
     pub ray: &'a Ray,
     pub triangle: &'a Triangle,
 }
 
 impl Signs<'_> {
-    pub fn u(&self) -> Ordering {
+    pub(crate) fn u(&self) -> Ordering {
         let [p0, _, p2] = self.triangle.p;
         let (d, o) = (Difference::of(self.ray.direction), self.ray.origin);
         determinant_sign([d, Difference::new(p2, p0), Difference::new(o, p0)])
     }
 
-    pub fn v(&self) -> Ordering {
+    pub(crate) fn v(&self) -> Ordering {
         let [p0, p1, _] = self.triangle.p;
         let (d, o) = (Difference::of(self.ray.direction), self.ray.origin);
         determinant_sign([Difference::new(o, p0), Difference::new(p1, p0), d])
     }
 
     /// w = det − u − v = det[d, e₂ − s, e₁ − s], and e − s = p − o.
-    pub fn w(&self) -> Ordering {
+    pub(crate) fn w(&self) -> Ordering {
         let [_, p1, p2] = self.triangle.p;
         let (d, o) = (Difference::of(self.ray.direction), self.ray.origin);
         determinant_sign([d, Difference::new(p2, o), Difference::new(p1, o)])
     }
 
     /// The sign of the normal e₁ × e₂ along `axis`.
-    pub fn normal(&self, axis: Vec3) -> Ordering {
+    pub(crate) fn normal(&self, axis: Vec3) -> Ordering {
         let [p0, p1, p2] = self.triangle.p;
         let (e1, e2) = (Difference::new(p1, p0), Difference::new(p2, p0));
         determinant_sign([Difference::of(axis), e1, e2])
     }
 
     /// On which side of the line vertex `corner` lies, in the projection along `axis`.
-    pub fn side(&self, axis: Vec3, corner: usize) -> Ordering {
+    pub(crate) fn side(&self, axis: Vec3, corner: usize) -> Ordering {
         let to_corner = Difference::new(self.triangle.p[corner], self.ray.origin);
         determinant_sign([Difference::of(axis), Difference::of(self.ray.direction), to_corner])
     }
 
     /// See [`compare_distance_with`].
-    pub fn t(&self, bound: f32) -> Option<Ordering> {
+    pub(crate) fn t(&self, bound: f32) -> Option<Ordering> {
         compare_distance_with(self.ray, self.triangle, bound)
     }
 }

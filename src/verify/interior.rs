@@ -15,14 +15,14 @@ const DIRECTIONS: u32 = 8;
 
 /// A point inside a closed part of a mesh, above or below the middle of a triangle of it.
 #[derive(Debug, Clone, Copy)]
-pub struct Inside<'p> {
+pub(crate) struct Inside<'p> {
     pub point: Vec3,
     pub beside: TriangleId,
     pub part: &'p [TriangleId],
 }
 
 /// Points inside a closed part that `attempts` attempts find: half as many or fewer.
-pub fn points_inside<'p>(
+pub(crate) fn points_inside<'p>(
     triangles: &[Triangle],
     part: &'p [TriangleId],
     attempts: u64,
@@ -44,7 +44,7 @@ pub fn points_inside<'p>(
 }
 
 /// The item at a share of a list that is not empty.
-pub fn pick<T>(items: &[T], xi: f32) -> &T {
+pub(crate) fn pick<T>(items: &[T], xi: f32) -> &T {
     &items[((xi as f64 * items.len() as f64) as usize).min(items.len() - 1)]
 }
 
@@ -95,7 +95,7 @@ pub(super) mod tests {
     }
 
     /// A ring of 24 straight pieces with 12 sides, askew in space.
-    pub fn torus() -> Vec<Triangle> {
+    pub(crate) fn torus() -> Vec<Triangle> {
         let corner = |i: usize, j: usize| {
             let ring = DQuat::from_rotation_z(TAU * (i % AROUND) as f64 / AROUND as f64);
             let angle = TAU * (j % ACROSS) as f64 / ACROSS as f64;

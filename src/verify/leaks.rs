@@ -20,7 +20,7 @@ const CHUNK: u64 = 4096;
 
 /// Rays from inside closed meshes through edges and vertices, and how many of them hit nothing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Leaks {
+pub(crate) struct Leaks {
     pub caster: &'static str,
     pub rays: u64,
     /// By the nearest-hit query or by the any-hit query.
@@ -39,7 +39,7 @@ impl fmt::Display for Leaks {
 }
 
 /// Counts for the native caster and for every peer; nothing if no part of the mesh is closed.
-pub fn leaks(
+pub(crate) fn leaks(
     triangles: &[Triangle],
     native: &(impl RayCaster + ?Sized),
     peers: &[Peer],

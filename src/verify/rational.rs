@@ -21,14 +21,14 @@ fn minus(a: &Vector, b: &Vector) -> Vector {
 }
 
 /// Where the line of the ray meets the triangle's plane.
-pub struct Meeting {
+pub(super) struct Meeting {
     pub t: BigRational,
     pub u: BigRational,
     pub v: BigRational,
 }
 
 /// Solves t·d − u·e₁ − v·e₂ = p₀ − o; `None` if it has no or many solutions.
-pub fn meeting(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
+pub(super) fn meeting(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
     let [p0, p1, p2] = triangle.p.map(vector);
     let (d, e1, e2) = (vector(ray.direction), minus(&p0, &p1), minus(&p0, &p2));
     let right = minus(&p0, &vector(ray.origin));
@@ -74,7 +74,7 @@ fn rank(vectors: &[&Vector]) -> usize {
 
 /// The contact that [`examine`](super::contact::examine) must find. All numbers but `t_max` must be
 /// finite.
-pub fn contact(ray: &Ray, triangle: &Triangle) -> Contact {
+pub(super) fn contact(ray: &Ray, triangle: &Triangle) -> Contact {
     let Some(Meeting { t, u, v }) = meeting(ray, triangle) else { return parallel(ray, triangle) };
     let barycentrics = [BigRational::one() - &u - &v, u, v];
     if barycentrics.iter().any(|x| *x < BigRational::zero()) {
@@ -94,7 +94,7 @@ pub fn contact(ray: &Ray, triangle: &Triangle) -> Contact {
     }
 }
 
-pub fn compare(t: &BigRational, bound: f32) -> Ordering {
+pub(super) fn compare(t: &BigRational, bound: f32) -> Ordering {
     match BigRational::from_float(bound) {
         Some(bound) => t.cmp(&bound),
         None if bound > 0.0 => Ordering::Less,

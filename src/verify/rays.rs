@@ -12,7 +12,7 @@ use glam::Vec3;
 
 /// The case that a ray is meant to try.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum RayKind {
+pub(crate) enum RayKind {
     /// Cosine-distributed from uniform points of the surfaces, lifted as form factors lift them.
     Surface,
     Camera,
@@ -41,7 +41,7 @@ pub enum RayKind {
 }
 
 impl RayKind {
-    pub const ALL: [RayKind; 13] = [
+    pub(crate) const ALL: [RayKind; 13] = [
         RayKind::Surface,
         RayKind::Camera,
         RayKind::Segment,
@@ -57,7 +57,7 @@ impl RayKind {
         RayKind::Broken,
     ];
 
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             RayKind::Surface => "surface",
             RayKind::Camera => "camera",
@@ -76,7 +76,7 @@ impl RayKind {
     }
 
     /// Share of the rays, in parts: half of the rays are ordinary.
-    pub fn parts(self) -> u64 {
+    pub(crate) fn parts(self) -> u64 {
         match self {
             RayKind::Surface | RayKind::Segment => 4,
             RayKind::Camera => 2,
@@ -86,7 +86,7 @@ impl RayKind {
 }
 
 /// Makes rays about one scene.
-pub struct RaySource<'s> {
+pub(crate) struct RaySource<'s> {
     scene: &'s Scene,
     camera: &'s Camera,
     seed: u64,
@@ -96,7 +96,7 @@ pub struct RaySource<'s> {
 }
 
 impl<'s> RaySource<'s> {
-    pub fn new(scene: &'s Scene, camera: &'s Camera, seed: u64) -> Self {
+    pub(crate) fn new(scene: &'s Scene, camera: &'s Camera, seed: u64) -> Self {
         let bounds = scene.bounds();
         let size = bounds.diagonal().length();
         let surface = Surface::new(&scene.triangles);
@@ -104,7 +104,7 @@ impl<'s> RaySource<'s> {
     }
 
     /// The ray number `index` of a kind.
-    pub fn ray(&self, kind: RayKind, index: u64) -> Ray {
+    pub(crate) fn ray(&self, kind: RayKind, index: u64) -> Ray {
         let number = (kind as u64) << 48 | index;
         let stream = Stream::new(self.seed, Purpose::Verify, number, PointSet::Random);
         let (a, b, c) = (stream.point(0), stream.point(1), stream.point(2));

@@ -3,16 +3,16 @@
 use crate::geometry::{Hit, Ray, Triangle};
 use glam::Vec3;
 
-pub fn number(x: f32) -> String {
+pub(crate) fn number(x: f32) -> String {
     format!("f32::from_bits({:#010x})", x.to_bits())
 }
 
-pub fn vector(v: Vec3) -> String {
+pub(crate) fn vector(v: Vec3) -> String {
     let [x, y, z] = v.to_array().map(number);
     format!("Vec3::from_array([{x}, {y}, {z}])")
 }
 
-pub fn ray(ray: &Ray) -> String {
+pub(crate) fn ray(ray: &Ray) -> String {
     format!(
         "Ray {{ origin: {}, direction: {}, t_min: {}, t_max: {} }}",
         vector(ray.origin),
@@ -22,13 +22,13 @@ pub fn ray(ray: &Ray) -> String {
     )
 }
 
-pub fn triangle(triangle: &Triangle) -> String {
+pub(crate) fn triangle(triangle: &Triangle) -> String {
     let [p0, p1, p2] = triangle.p.map(vector);
     format!("Triangle {{ p: [{p0}, {p1}, {p2}] }}")
 }
 
 /// A hit or none, with its triangle's number replaced by `index`.
-pub fn hit(hit: Option<Hit>, index: usize) -> String {
+pub(crate) fn hit(hit: Option<Hit>, index: usize) -> String {
     match hit {
         None => "None".to_string(),
         Some(hit) => format!(

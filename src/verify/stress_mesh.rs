@@ -10,7 +10,7 @@ use glam::Vec3;
 const TRIANGLES: u32 = 320;
 
 /// The mesh of a seed, with a camera that looks at it.
-pub fn stress_scene(seed: u64) -> (Scene, Camera) {
+pub(crate) fn stress_scene(seed: u64) -> (Scene, Camera) {
     let mut triangles: Vec<Triangle> = Vec::new();
     for index in 0..TRIANGLES {
         triangles.push(stress_triangle(seed, index, &triangles));

@@ -10,7 +10,7 @@ use crate::progress::{Progress, Stage};
 use rayon::prelude::*;
 
 /// A caster to hold the native one against.
-pub struct Peer<'a> {
+pub(crate) struct Peer<'a> {
     pub name: &'static str,
     pub caster: Box<dyn RayCaster + 'a>,
     pub arithmetic: Arithmetic,
@@ -22,7 +22,7 @@ pub struct Peer<'a> {
 
 /// The result of a survey about one peer.
 #[derive(Debug, Clone)]
-pub struct Finding {
+pub(crate) struct Finding {
     pub peer: &'static str,
     /// One per kind, in the order of [`RayKind::ALL`]; nearest-hit and any-hit queries together.
     pub by_kind: Vec<Tally>,
@@ -30,13 +30,13 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub fn total(&self) -> Tally {
+    pub(crate) fn total(&self) -> Tally {
         sum(&self.by_kind)
     }
 }
 
 /// The sum of some tallies.
-pub fn sum<'t>(tallies: impl IntoIterator<Item = &'t Tally>) -> Tally {
+pub(crate) fn sum<'t>(tallies: impl IntoIterator<Item = &'t Tally>) -> Tally {
     let mut total = Tally::default();
     tallies.into_iter().for_each(|tally| total.add(tally));
     total
@@ -50,7 +50,7 @@ const CHUNK: u64 = 4096;
 const AUDIT: usize = 64;
 
 /// Asks the native caster and every peer about `rays` rays, for the nearest hit and for any hit.
-pub fn survey<'t>(
+pub(crate) fn survey<'t>(
     triangles: &'t [Triangle],
     native: &(impl RayCaster + ?Sized),
     peers: &[Peer],
@@ -137,7 +137,7 @@ pub(super) struct Answers {
 }
 
 impl Answers {
-    pub fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
+    pub(super) fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
         let mut answers = Answers { nearest: Vec::new(), occluded: Vec::new() };
         if single {
             answers.nearest = rays.iter().map(|ray| caster.nearest(ray)).collect();

@@ -26,7 +26,7 @@ const CREASE_DEGREES: f32 = 30.0;
 
 /// The result, for programs.
 #[derive(Serialize)]
-pub struct PipelineReport {
+pub(super) struct PipelineReport {
     peer: &'static str,
     patches: usize,
     #[serde(flatten)]
@@ -34,7 +34,7 @@ pub struct PipelineReport {
 }
 
 /// Compares the native tracer with the most different of the peers, and draws where they differ.
-pub fn run(
+pub(super) fn run(
     native: &dyn RayCaster,
     peers: &[Peer],
     (description, scene, camera): (&Document, &Scene, &Camera),

@@ -25,7 +25,7 @@ use triangulate::Triangulator;
 
 /// A model as it was read, in the unit of length of the file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Model {
+pub(crate) struct Model {
     /// In file order, counter-clockwise as seen from the front; never empty. Coordinates are
     /// finite and at most 1e12. Triangles without area are still among them.
     pub triangles: Vec<[Vec3; 3]>,
@@ -44,13 +44,10 @@ pub struct Model {
 /// Fails if a file is malformed (with the line), if the OBJ file cannot be read or has no faces, or
 /// if a material that a face uses has Kd outside [0, 1) or a negative Ke. What has a sensible
 /// default, such as a missing MTL file, is a warning of the model instead.
-pub fn load(path: &Path) -> Result<Model> {
-    load_with_overrides(path, |_| false)
-}
-
-/// Like [`load`], for a scene description that overrides the reflectance of the materials whose
-/// name `overrides`: their Kd may be missing or out of range, and is then a placeholder.
-pub fn load_with_overrides(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
+///
+/// A scene description overrides the reflectance of the materials whose name `overrides`: their Kd may
+/// be missing or out of range, and is then a placeholder.
+pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
     let mut obj = read_obj(path, &text_of(path)?)?;
     let library = read_library(path, &mut obj)?;
     let mut warnings = std::mem::take(&mut obj.warnings);
@@ -132,7 +129,7 @@ mod tests {
         }
         let prefix = format!("{}/", folder.path().display());
         let without_folder = |message: String| message.replace(&prefix, "");
-        let model = load(&folder.path().join("a.obj"))
+        let model = load(&folder.path().join("a.obj"), |_| false)
             .map_err(|error| without_folder(error.to_string()))?;
         let warnings =
             model.warnings.iter().map(|warning| without_folder(warning.to_string())).collect();
@@ -251,14 +248,14 @@ mod tests {
         let path = folder.path().join("a.obj");
         fs::write(&path, format!("mtllib a.mtl\nusemtl white\n{TRIANGLE}")).unwrap();
         fs::write(folder.path().join("a.mtl"), "newmtl white\nKd 1\n").unwrap();
-        assert!(load_with_overrides(&path, |name| name == "red").is_err());
-        assert!(load_with_overrides(&path, |name| name == "white").is_ok());
+        assert!(load(&path, |name| name == "red").is_err());
+        assert!(load(&path, |name| name == "white").is_ok());
     }
 
     #[test]
     fn a_file_that_cannot_be_a_model_says_why() {
         let folder = tempfile::tempdir().unwrap();
-        let message = |path: &Path| load(path).unwrap_err().to_string();
+        let message = |path: &Path| load(path, |_| false).unwrap_err().to_string();
         assert!(message(Path::new("")).starts_with("the path of the model is empty"));
         assert!(message(folder.path()).contains("it is a directory"));
         assert!(message(&folder.path().join("none.obj")).contains("No such file"));
@@ -306,7 +303,7 @@ mod tests {
             mutate(&mut mtl, &mut state);
             fs::write(&path, obj).unwrap();
             fs::write(&mtl_path, mtl).unwrap();
-            let Ok(model) = load(&path) else { continue };
+            let Ok(model) = load(&path, |_| false) else { continue };
             loaded += 1;
             assert!(model.triangles.as_flattened().iter().all(|corner| corner.is_finite()));
             assert_eq!(model.triangles.len(), model.material_of.len());

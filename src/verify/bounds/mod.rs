@@ -7,7 +7,7 @@
 //! flushed to zero (Embree leaves that to the program that calls it).
 //!
 //! A sum of products in which at most n roundings meet in any product is off by at most γₙ times the
-//! sum of the products' absolute values: the `abs` of a [`ProductSum`](super::cramer::ProductSum). All
+//! sum of the products' absolute values: the `abs` of a `ProductSum`. All
 //! kernels but [`Arithmetic::EmbreeRobust`] sum the same six products for each determinant, grouped one way or
 //! another: 1 rounding for each difference (o − p₀, e₁, e₂), 1 for each of two products, 1 for the
 //! cross product's sum and 2 for the dot product's. So γ₇ for det, u and v, with two differences,

@@ -6,7 +6,7 @@ use glam::Vec3;
 type Vector = [i64; 3];
 
 /// The nearest hit; of several at the same f32 t that of the lowest triangle.
-pub fn nearest(ray: &Ray, triangles: &[Triangle]) -> Option<Hit> {
+pub(super) fn nearest(ray: &Ray, triangles: &[Triangle]) -> Option<Hit> {
     let hits = triangles.iter().enumerate().filter_map(|(index, triangle)| {
         let [t, u, v] = meet(ray, triangle)?;
         Some(Hit { triangle: TriangleId(index as u32), t, u, v })
@@ -18,7 +18,7 @@ pub fn nearest(ray: &Ray, triangles: &[Triangle]) -> Option<Hit> {
 ///
 /// u, v and w are, up to one factor, the volumes that the ray spans with the edges opposite to them:
 /// another way to them than the kernel's.
-pub fn meet(ray: &Ray, triangle: &Triangle) -> Option<[f32; 3]> {
+pub(super) fn meet(ray: &Ray, triangle: &Triangle) -> Option<[f32; 3]> {
     let (o, d) = (integers(ray.origin), integers(ray.direction));
     let [a, b, c] = triangle.p.map(|p| minus(integers(p), o));
     let [u, v, w] = [(c, a), (a, b), (b, c)].map(|(p, q)| dot(d, cross(p, q)));

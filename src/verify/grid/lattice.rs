@@ -8,13 +8,13 @@ use glam::Vec3;
 const SIDE: u32 = 16;
 
 /// Integers from one stream, one after the other.
-pub struct Dice {
+pub(super) struct Dice {
     stream: Stream,
     next: u32,
 }
 
 impl Dice {
-    pub fn new(seed: u64, number: u64) -> Self {
+    pub(super) fn new(seed: u64, number: u64) -> Self {
         Dice { stream: Stream::new(seed, Purpose::Verify, number, PointSet::Random), next: 0 }
     }
 
@@ -70,7 +70,7 @@ impl Dice {
 }
 
 /// Number `index` of a scene, given those before it.
-pub fn any_triangle(dice: &mut Dice, index: usize, before: &[Triangle]) -> Triangle {
+pub(super) fn any_triangle(dice: &mut Dice, index: usize, before: &[Triangle]) -> Triangle {
     let (a, b, c) = (dice.vertex(), dice.vertex(), dice.vertex());
     let oblique = Triangle::new(a, b, c);
     if before.is_empty() {
@@ -96,7 +96,7 @@ pub fn any_triangle(dice: &mut Dice, index: usize, before: &[Triangle]) -> Trian
 
 /// Two legs of lengths 2, 4 or 8, one along an axis, the other along a second or halfway between the
 /// second and the third: every component of e₁ × e₂ is 0 or plus or minus the same power of two.
-pub fn dyadic_triangle(dice: &mut Dice) -> Triangle {
+pub(super) fn dyadic_triangle(dice: &mut Dice) -> Triangle {
     let axis = dice.roll(3) as usize;
     let [first, second, third] = [0, 1, 2].map(|k| Vec3::AXES[(axis + k) % 3]);
     let tilt = dice.one_of(&[Vec3::ZERO, third, -third]);
@@ -111,7 +111,7 @@ pub fn dyadic_triangle(dice: &mut Dice) -> Triangle {
 }
 
 /// Through vertices, edges and points, along edges, within planes, along axes, from surfaces.
-pub fn any_ray(dice: &mut Dice, index: usize, triangles: &[Triangle]) -> Ray {
+pub(super) fn any_ray(dice: &mut Dice, index: usize, triangles: &[Triangle]) -> Ray {
     let [p, q, r] = dice.one_of(triangles).p;
     let (origin, point) = (dice.origin(), dice.point());
     let middle = 0.5 * (p + q);
@@ -131,7 +131,7 @@ pub fn any_ray(dice: &mut Dice, index: usize, triangles: &[Triangle]) -> Ray {
     dice.interval(ray)
 }
 
-pub fn dyadic_ray(dice: &mut Dice) -> Ray {
+pub(super) fn dyadic_ray(dice: &mut Dice) -> Ray {
     let direction = dice.axis_direction();
     let mut origin = dice.point();
     let axis = direction.abs().max_position();

@@ -33,7 +33,7 @@ mod lattice;
 const TRIANGLES: usize = 3 * WIDTH * WIDTH;
 
 /// A scene and rays of small integers, with what each ray hits.
-pub struct Grid {
+pub(crate) struct Grid {
     pub triangles: Arc<[Triangle]>,
     rays: Vec<Ray>,
     expected: Vec<Option<Hit>>,
@@ -42,7 +42,7 @@ pub struct Grid {
 
 /// How one caster answered; each ray is asked twice, for the nearest hit and for any hit.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct GridFinding {
+pub(crate) struct GridFinding {
     pub caster: &'static str,
     pub queries: u64,
     /// The exact answer, bit for bit; a zero may have either sign.
@@ -65,7 +65,7 @@ impl GridFinding {
     }
 
     /// With the findings about the same caster on another grid.
-    pub fn and(mut self, other: GridFinding) -> Self {
+    pub(crate) fn and(mut self, other: GridFinding) -> Self {
         self.queries += other.queries;
         self.exact += other.exact;
         self.alike += other.alike;
@@ -93,7 +93,7 @@ const FAILURES_KEPT: usize = 4;
 
 impl Grid {
     /// Triangles and rays of every kind.
-    pub fn general(rays: u64, seed: u64) -> Self {
+    pub(crate) fn general(rays: u64, seed: u64) -> Self {
         let mut dice = lattice::Dice::new(seed, 1 << 56);
         let mut triangles = Vec::with_capacity(TRIANGLES);
         for index in 0..TRIANGLES {
@@ -108,7 +108,7 @@ impl Grid {
     }
 
     /// Triangles and rays about which the plane kernel, too, has nothing to round.
-    pub fn dyadic(rays: u64, seed: u64) -> Self {
+    pub(crate) fn dyadic(rays: u64, seed: u64) -> Self {
         let mut dice = lattice::Dice::new(seed, 1 << 57);
         let triangles = (0..TRIANGLES).map(|_| lattice::dyadic_triangle(&mut dice)).collect();
         let rays = (0..rays)
@@ -123,7 +123,7 @@ impl Grid {
     }
 
     /// Asks every caster, which must know this grid's triangles, about every ray.
-    pub fn ask(&self, casters: &[Peer]) -> Vec<GridFinding> {
+    pub(crate) fn ask(&self, casters: &[Peer]) -> Vec<GridFinding> {
         casters.iter().map(|caster| self.ask_one(caster)).collect()
     }
 

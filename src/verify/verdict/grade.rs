@@ -30,7 +30,7 @@ pub(super) struct Graded {
 }
 
 impl Graded {
-    pub const RIGHT: Graded = Graded { grade: Grade::Right, counterexample: None };
+    pub(super) const RIGHT: Graded = Graded { grade: Grade::Right, counterexample: None };
 
     fn wrong(counterexample: Option<TriangleId>) -> Self {
         Graded { grade: Grade::Wrong, counterexample }

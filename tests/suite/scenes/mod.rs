@@ -5,46 +5,46 @@ use isolux::bvh::Bvh;
 use isolux::color::Rgb;
 use isolux::form_factor::Estimator;
 use isolux::geometry::Triangle;
-pub use isolux::geometry::shapes::{cube, icosphere, inside_out, square};
+pub(crate) use isolux::geometry::shapes::{cube, icosphere, inside_out, square};
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::sampling::PointSet;
 use isolux::scene::{Material, MaterialId, Scene};
 use std::sync::Arc;
 
 /// Some triangles of one material. The k-th piece of a scene has material k.
-pub struct Piece {
+pub(crate) struct Piece {
     pub triangles: Vec<Triangle>,
     pub material: Material,
 }
 
 impl Piece {
     /// Grey and one-sided, without light of its own.
-    pub fn new(triangles: Vec<Triangle>) -> Piece {
+    pub(crate) fn new(triangles: Vec<Triangle>) -> Piece {
         Piece { triangles, material: Material::fallback() }
     }
 
-    pub fn reflecting(mut self, reflectance: impl Into<Rgb>) -> Piece {
+    pub(crate) fn reflecting(mut self, reflectance: impl Into<Rgb>) -> Piece {
         self.material.reflectance = reflectance.into();
         self
     }
 
     /// `radiance` in W·sr⁻¹·m⁻².
-    pub fn emitting(mut self, radiance: impl Into<Rgb>) -> Piece {
+    pub(crate) fn emitting(mut self, radiance: impl Into<Rgb>) -> Piece {
         self.material.radiance = radiance.into();
         self
     }
 
-    pub fn two_sided(mut self) -> Piece {
+    pub(crate) fn two_sided(mut self) -> Piece {
         self.material.two_sided = true;
         self
     }
 }
 
-pub fn grey(value: f32) -> Rgb {
+pub(crate) fn grey(value: f32) -> Rgb {
     Rgb::splat(value)
 }
 
-pub fn scene(pieces: impl IntoIterator<Item = Piece>) -> Scene {
+pub(crate) fn scene(pieces: impl IntoIterator<Item = Piece>) -> Scene {
     let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
     for piece in pieces {
         material_of.extend(vec![MaterialId(materials.len() as u32); piece.triangles.len()]);
@@ -55,14 +55,14 @@ pub fn scene(pieces: impl IntoIterator<Item = Piece>) -> Scene {
 }
 
 /// The scene with all coordinates multiplied by `factor`.
-pub fn scaled(scene: &Scene, factor: f32) -> Scene {
+pub(crate) fn scaled(scene: &Scene, factor: f32) -> Scene {
     let mut scaled = scene.clone();
     Arc::make_mut(&mut scaled.triangles).iter_mut().for_each(|t| t.p = t.p.map(|p| p * factor));
     scaled
 }
 
 /// The triangles turned by angles that are multiples of nothing, and moved.
-pub fn askew(mut triangles: Vec<Triangle>) -> Vec<Triangle> {
+pub(crate) fn askew(mut triangles: Vec<Triangle>) -> Vec<Triangle> {
     let turn = glam::Quat::from_euler(glam::EulerRot::XYZ, 0.7, 0.4, -1.1);
     let to = Vec3::new(0.3, -1.7, 2.9);
     triangles.iter_mut().for_each(|t| t.p = t.p.map(|p| turn * p + to));
@@ -70,47 +70,52 @@ pub fn askew(mut triangles: Vec<Triangle>) -> Vec<Triangle> {
 }
 
 /// A scene's patches.
-pub fn subdivided(scene: &Scene, levels: u32) -> PatchMesh {
+pub(crate) fn subdivided(scene: &Scene, levels: u32) -> PatchMesh {
     PatchMesh::subdivide(scene, Subdivision::Levels(levels)).expect("few levels")
 }
 
 /// The patches of the piece with material `piece`.
-pub fn patches_of(mesh: &PatchMesh, piece: u32) -> Vec<PatchId> {
+pub(crate) fn patches_of(mesh: &PatchMesh, piece: u32) -> Vec<PatchId> {
     all(mesh).filter(|&p| mesh.side(p).material == MaterialId(piece)).collect()
 }
 
-pub fn all(mesh: &PatchMesh) -> impl Iterator<Item = PatchId> + use<> {
+pub(crate) fn all(mesh: &PatchMesh) -> impl Iterator<Item = PatchId> + use<> {
     (0..mesh.len() as u32).map(PatchId)
 }
 
 /// A scene's patches and hierarchy.
-pub struct World {
+pub(crate) struct World {
     pub mesh: PatchMesh,
     pub bvh: Bvh,
 }
 
 impl World {
-    pub fn new(scene: &Scene, levels: u32) -> Self {
+    pub(crate) fn new(scene: &Scene, levels: u32) -> Self {
         World::of(subdivided(scene, levels))
     }
 
-    pub fn of(mesh: PatchMesh) -> Self {
+    pub(crate) fn of(mesh: PatchMesh) -> Self {
         let bvh = Bvh::build(mesh.scene.triangles.clone());
         World { mesh, bvh }
     }
 
-    pub fn estimator(&self, samples: u32, points: PointSet, seed: u64) -> Estimator<'_, Bvh> {
+    pub(crate) fn estimator(
+        &self,
+        samples: u32,
+        points: PointSet,
+        seed: u64,
+    ) -> Estimator<'_, Bvh> {
         Estimator::new(&self.bvh, &self.mesh, samples, points, seed, &())
     }
 
-    pub fn random(&self, samples: u32, seed: u64) -> Estimator<'_, Bvh> {
+    pub(crate) fn random(&self, samples: u32, seed: u64) -> Estimator<'_, Bvh> {
         self.estimator(samples, PointSet::Random, seed)
     }
 }
 
 /// A mean with its standard error.
 #[derive(Debug, Clone, Copy)]
-pub struct Measured {
+pub(crate) struct Measured {
     pub mean: f64,
     pub standard_error: f64,
 }
@@ -118,7 +123,7 @@ pub struct Measured {
 impl Measured {
     /// From independent repetitions, each with a seed of its own: their mean, and its standard
     /// error as the repetitions' scatter shows it, whatever way each of them was estimated.
-    pub fn from_repetitions(values: &[f64]) -> Measured {
+    pub(crate) fn from_repetitions(values: &[f64]) -> Measured {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
@@ -126,7 +131,7 @@ impl Measured {
     }
 
     /// How many standard errors the mean lies from `expected`.
-    pub fn errors_from(&self, expected: f64) -> f64 {
+    pub(crate) fn errors_from(&self, expected: f64) -> f64 {
         (self.mean - expected) / self.standard_error
     }
 }
