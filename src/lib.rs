@@ -44,6 +44,7 @@
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
 //! | 8 | [`render`], `export` | flat and smooth pictures, exposure; files that appear whole |
+//! | 9 | [`plan`] | from a scene and its settings to its solution |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
 //! | 9 | `bench` | rays per second beside Embree's, on scenes made in memory |
@@ -97,6 +98,7 @@ mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;
 pub mod patches;
+pub mod plan;
 pub mod progress;
 pub mod radiosity;
 pub mod render;
@@ -111,6 +113,7 @@ pub mod view;
 pub use bvh::Tracer;
 pub use error::{Error, ErrorKind, Result};
 pub use geometry::RayCaster;
+pub use plan::Plan;
 pub use progress::{Progress, Stage};
 pub use render::{Frame, Image};
 pub use scene::{Camera, Document, Scene};

@@ -11,17 +11,13 @@
 //! every machine.
 
 use crate::color::Rgb64;
-use crate::coverage;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
-use crate::geometry::RayCaster;
-use crate::patches::{PatchMesh, Subdivision};
-use crate::progress::Progress;
-use crate::radiosity::{self, Choices, Energy, Radiosity};
+use crate::patches::PatchMesh;
+use crate::radiosity::{Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::document::ImageDefaults;
 use crate::scene::{Camera, Document, Scene};
-use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -69,28 +65,6 @@ const VERSION: u32 = 2;
 const HEADER: usize = MAGIC.len() + 8;
 
 impl Solution {
-    /// Solves the light of a scene. What they leave open the document may say.
-    ///
-    /// # Errors
-    /// Settings out of their ranges, and those of [`radiosity::solve`].
-    pub fn solve(
-        document: &Document,
-        scene: &Scene,
-        caster: &impl RayCaster,
-        settings: &Settings,
-        progress: &dyn Progress,
-    ) -> Result<Solution> {
-        let patches = settings.patches.or(&document.patches);
-        let light = settings.light.or(&document.light);
-        let settings = Settings { patches, light, seed: settings.seed };
-        let mesh = PatchMesh::subdivide(scene, Subdivision::of(&settings.patches))?;
-        let choices = Choices::new(&settings, &mesh)?;
-        let light = radiosity::solve(caster, &mesh, &choices, progress)?;
-        let (uncovered, _) = coverage::uncovered(caster, &mesh);
-        let camera = document.view(scene, caster);
-        Ok(Solution::new(document, &mesh, (light, uncovered), camera))
-    }
-
     /// Keeps the light that was found for a scene.
     ///
     /// # Panics
@@ -242,6 +216,7 @@ impl Solution {
 mod tests {
     use super::*;
     use crate::geometry::Triangle;
+    use crate::patches::Subdivision;
     use crate::scene::{Material, MaterialId};
     use glam::Vec3;
     use std::time::Duration;

@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
+use crate::scene::Camera;
 use crate::scene::document::is_view_name;
-use crate::scene::{Camera, Document};
 use crate::settings::{LightSettings, PatchSettings, Settings};
 use clap::ValueEnum;
 use glam::Vec3;
@@ -105,13 +105,8 @@ pub(super) struct LightArguments {
 }
 
 impl LightArguments {
-    /// Flags come before the description.
-    pub(super) fn settings(&self, document: &Document, seed: u64) -> Settings {
-        Settings {
-            patches: self.patches.or(&document.patches),
-            light: self.light.or(&document.light),
-            seed,
-        }
+    pub(super) fn settings(&self, seed: u64) -> Settings {
+        Settings { patches: self.patches.clone(), light: self.light.clone(), seed }
     }
 }
 

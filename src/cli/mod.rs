@@ -3,7 +3,6 @@
 mod arguments;
 mod bench;
 mod info;
-mod light;
 mod progress;
 mod render;
 mod report;

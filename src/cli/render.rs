@@ -1,7 +1,6 @@
 //! `isolux render`: from a scene to pictures.
 
 use super::arguments::{LightArguments, RenderArguments, ShadingName};
-use super::light::Plan;
 use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
@@ -10,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::memory;
+use crate::plan::Plan;
 use crate::render::{Frame, Image};
 use crate::scene::document::ImageDefaults;
 use crate::scene::{Camera, Document, Scene};
@@ -24,36 +24,13 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<()> {
 }
 
 fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
-    let start = Instant::now();
-    let pictures = pictures(arguments)?;
-    let view = arguments.look.camera()?;
-    let mut times = Seconds::default();
-    if is_light(&arguments.scene) {
-        if arguments.light != LightArguments::default() {
-            return Err(Error::new("the light of a .light file is solved already")
-                .in_file(&arguments.scene)
-                .remedy("leave the options of light out, or render the scene itself"));
-        }
-        check_overwriting(arguments, &pictures, &[&arguments.scene])?;
-        let solution = Solution::load(&arguments.scene)?;
-        let frame = frame_of(arguments, &solution.image, pictures.len())?;
-        times.load = start.elapsed().as_secs_f64();
-        let effort = Effort::for_rays(solution.scene.triangles.len(), frame.rays());
-        let caster = Tracer::build_with(&solution.scene, effort, arguments.run.kernel);
-        times.build = start.elapsed().as_secs_f64() - times.load;
-        return show(arguments, &pictures, &caster, &frame, view, &solution, 0, times, start);
-    }
-
-    let description = Document::open(&arguments.scene)?;
-    check_overwriting(arguments, &pictures, &description.inputs())?;
-    let scene = Scene::load(&description)?;
-    warn(&scene.warnings);
-    let frame = frame_of(arguments, &description.image, pictures.len())?;
-    times.load = start.elapsed().as_secs_f64();
-    let plan = Plan::new(&arguments.light, &arguments.run, &description, &scene)?;
-    let caster = plan.caster(frame.rays());
-    let (solution, rays) = plan.solve(&description, &caster, &mut times, start)?;
-    show(arguments, &pictures, &caster, &frame, view, &solution, rays, times, start)
+    let run = Run {
+        arguments,
+        pictures: pictures(arguments)?,
+        camera: arguments.look.camera()?,
+        start: Instant::now(),
+    };
+    if is_light(&arguments.scene) { run.show_light() } else { run.solve_and_show() }
 }
 
 /// Whether a file's name says that it holds solved light.
@@ -61,46 +38,95 @@ fn is_light(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("light"))
 }
 
-/// Draws the pictures, writes them and reports.
-#[allow(clippy::too_many_arguments, reason = "both ways to come by a solution end here")]
-fn show(
-    arguments: &RenderArguments,
-    pictures: &[Picture],
-    caster: &Tracer,
-    frame: &Frame,
-    view: Option<Camera>,
-    solution: &Solution,
-    light_rays: u64,
-    mut times: Seconds,
+/// One run of the command.
+struct Run<'a> {
+    arguments: &'a RenderArguments,
+    pictures: Vec<Picture>,
+    /// Given by flags.
+    camera: Option<Camera>,
     start: Instant,
-) -> Result<()> {
-    let rendering = Instant::now();
-    let images = draw(arguments, caster, view.as_ref(), frame, pictures, solution)
-        .map_err(|error| error.in_file_if_none(&arguments.scene))?;
-    let exposure = arguments.exposure.unwrap_or_else(|| solution.exposure(&images[0]));
-    let mut outputs = encode(pictures, &images, exposure)?;
-    times.render += rendering.elapsed().as_secs_f64();
-    times.total = start.elapsed().as_secs_f64();
-
-    let files = pictures.iter().map(|picture| picture.path.as_path());
-    let of_views = pictures.chunk_by(|a, b| a.view == b.view).count() as u64;
-    let report = Report {
-        exposure: Some(exposure),
-        automatic_exposure: arguments.exposure.or(solution.image.exposure).is_none(),
-        rays: light_rays + frame.rays() * of_views,
-        ..Report::new(solution, times, files)
-    };
-    if let Some(path) = &arguments.run.stats {
-        outputs.push(Output { path: path.clone(), bytes: report.to_json() });
-    }
-    write_all(outputs)?;
-    say(&report.to_text());
-    Ok(())
 }
 
-fn frame_of(arguments: &RenderArguments, image: &ImageDefaults, images: usize) -> Result<Frame> {
-    frame(arguments.size, arguments.spp, arguments.run.seed, image, images)
-        .map_err(|error| error.in_file_if_none(&arguments.scene))
+impl Run<'_> {
+    fn show_light(&self) -> Result<()> {
+        let arguments = self.arguments;
+        if arguments.light != LightArguments::default() {
+            return Err(Error::new("the light of a .light file is solved already")
+                .in_file(&arguments.scene)
+                .remedy("leave the options of light out, or render the scene itself"));
+        }
+        check_overwriting(arguments, &self.pictures, &[&arguments.scene])?;
+        let solution = Solution::load(&arguments.scene)?;
+        let frame = self.frame(&solution.image)?;
+        let load = self.start.elapsed();
+        let tracer = self.tracer(&solution.scene, frame.rays());
+        let mut seconds = Seconds { load: load.as_secs_f64(), ..Seconds::default() };
+        seconds.build = (self.start.elapsed() - load).as_secs_f64();
+        self.show(&tracer, &frame, &solution, 0, seconds)
+    }
+
+    fn solve_and_show(&self) -> Result<()> {
+        let arguments = self.arguments;
+        let document = Document::open(&arguments.scene)?;
+        check_overwriting(arguments, &self.pictures, &document.inputs())?;
+        let scene = document.scene()?;
+        warn(&scene.warnings);
+        let frame = self.frame(&document.image)?;
+        let load = self.start.elapsed();
+        let settings = arguments.light.settings(arguments.run.seed);
+        let plan = Plan::new(&document, &scene, &settings)?;
+        let tracer = self.tracer(&scene, plan.rays().saturating_add(frame.rays()));
+        let build = self.start.elapsed() - load;
+        let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
+        let seconds = Seconds::new(load, build, &spent);
+        self.show(&tracer, &frame, &solution, spent.rays, seconds)
+    }
+
+    fn frame(&self, image: &ImageDefaults) -> Result<Frame> {
+        let RenderArguments { size, spp, run, .. } = self.arguments;
+        frame(*size, *spp, run.seed, image, self.pictures.len())
+            .map_err(|error| error.in_file_if_none(&self.arguments.scene))
+    }
+
+    /// A hierarchy that is built as thoroughly as this many rays are worth.
+    fn tracer(&self, scene: &Scene, rays: u64) -> Tracer {
+        let effort = Effort::for_rays(scene.triangles.len(), rays);
+        Tracer::build_with(scene, effort, self.arguments.run.kernel)
+    }
+
+    /// Draws the pictures, writes them and reports.
+    fn show(
+        &self,
+        tracer: &Tracer,
+        frame: &Frame,
+        solution: &Solution,
+        light_rays: u64,
+        mut seconds: Seconds,
+    ) -> Result<()> {
+        let (arguments, pictures) = (self.arguments, &self.pictures);
+        let rendering = Instant::now();
+        let images = draw(arguments, tracer, self.camera.as_ref(), frame, pictures, solution)
+            .map_err(|error| error.in_file_if_none(&arguments.scene))?;
+        let exposure = arguments.exposure.unwrap_or_else(|| solution.exposure(&images[0]));
+        let mut outputs = encode(pictures, &images, exposure)?;
+        seconds.render += rendering.elapsed().as_secs_f64();
+        seconds.total = self.start.elapsed().as_secs_f64();
+
+        let files = pictures.iter().map(|picture| picture.path.as_path());
+        let views = pictures.chunk_by(|a, b| a.view == b.view).count() as u64;
+        let report = Report {
+            exposure: Some(exposure),
+            automatic_exposure: arguments.exposure.or(solution.image.exposure).is_none(),
+            rays: light_rays + frame.rays() * views,
+            ..Report::new(solution, seconds, files)
+        };
+        if let Some(path) = &arguments.run.stats {
+            outputs.push(Output { path: path.clone(), bytes: report.to_json() });
+        }
+        write_all(outputs)?;
+        say(&report.to_text());
+        Ok(())
+    }
 }
 
 /// One picture to be drawn.

@@ -2,11 +2,13 @@
 
 use crate::color::Rgb64;
 use crate::memory;
+use crate::plan::Spent;
 use crate::radiosity::Energy;
 use crate::solution::{Figures, Solution};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
+use std::time::Duration;
 
 /// The facts of one run. Times in seconds, energies per channel in watts, defects raw.
 #[derive(Serialize)]
@@ -55,6 +57,20 @@ pub(super) struct EnergyBalance {
     /// `null` where it is not known apart from what escaped.
     on_backs: Option<[f64; 3]>,
     escaped: [f64; 3],
+}
+
+impl Seconds {
+    /// Before anything is drawn. What is covered is found for the pictures' sake.
+    pub(super) fn new(load: Duration, build: Duration, spent: &Spent) -> Seconds {
+        Seconds {
+            load: load.as_secs_f64(),
+            build: build.as_secs_f64(),
+            transport: spent.transport.as_secs_f64(),
+            solve: spent.solve.as_secs_f64(),
+            render: spent.coverage.as_secs_f64(),
+            total: 0.0,
+        }
+    }
 }
 
 impl From<Energy> for EnergyBalance {

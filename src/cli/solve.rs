@@ -1,12 +1,14 @@
 //! `isolux solve`: from a scene to its light, kept for as many pictures as one likes.
 
 use super::arguments::{LightArguments, RunArguments};
-use super::light::Plan;
+use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
+use crate::bvh::{Effort, Tracer};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
-use crate::scene::{Document, Scene};
+use crate::plan::Plan;
+use crate::scene::Document;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -33,24 +35,28 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 
 fn run_in_pool(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
-    let mut times = Seconds::default();
     let outputs: Vec<&Path> =
         std::iter::once(arguments.output.as_path()).chain(arguments.run.stats.as_deref()).collect();
     check_ending(&arguments.output)?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
-    let description = Document::open(&arguments.scene)?;
-    check_distinct(&outputs, &description.inputs())?;
-    let scene = Scene::load(&description)?;
+    let document = Document::open(&arguments.scene)?;
+    check_distinct(&outputs, &document.inputs())?;
+    let scene = document.scene()?;
     warn(&scene.warnings);
-    times.load = start.elapsed().as_secs_f64();
+    let load = start.elapsed();
 
-    let plan = Plan::new(&arguments.light, &arguments.run, &description, &scene)?;
-    let caster = plan.caster(0);
-    let (solution, rays) = plan.solve(&description, &caster, &mut times, start)?;
+    let settings = arguments.light.settings(arguments.run.seed);
+    let plan = Plan::new(&document, &scene, &settings)?;
+    let effort = Effort::for_rays(scene.triangles.len(), plan.rays());
+    let tracer = Tracer::build_with(&scene, effort, arguments.run.kernel);
+    let build = start.elapsed() - load;
+    let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
 
     let mut files = vec![Output { path: arguments.output.clone(), bytes: solution.to_bytes() }];
-    times.total = start.elapsed().as_secs_f64();
-    let report = Report { rays, ..Report::new(&solution, times, [arguments.output.as_path()]) };
+    let mut seconds = Seconds::new(load, build, &spent);
+    seconds.total = start.elapsed().as_secs_f64();
+    let report = Report::new(&solution, seconds, [arguments.output.as_path()]);
+    let report = Report { rays: spent.rays, ..report };
     if let Some(path) = &arguments.run.stats {
         files.push(Output { path: path.clone(), bytes: report.to_json() });
     }

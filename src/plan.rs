@@ -1,0 +1,95 @@
+//! From a scene and its settings to its solution.
+
+use crate::coverage;
+use crate::error::Result;
+use crate::geometry::RayCaster;
+use crate::patches::{PatchMesh, Subdivision};
+use crate::progress::Progress;
+use crate::radiosity::{self, Choices};
+use crate::scene::{Document, Scene};
+use crate::settings::Settings;
+use crate::solution::Solution;
+use std::time::{Duration, Instant};
+
+/// A scene's patches and every choice of method, made before the first ray is cast.
+pub struct Plan<'d> {
+    document: &'d Document,
+    mesh: PatchMesh,
+    choices: Choices,
+}
+
+/// The rays and the time that a solution took.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Spent {
+    /// Those of the light and of the search for covered patches.
+    pub rays: u64,
+    /// Estimating form factors and direct light.
+    pub transport: Duration,
+    /// Solving the equation.
+    pub solve: Duration,
+    /// Finding what is covered, and a camera.
+    pub coverage: Duration,
+}
+
+impl<'d> Plan<'d> {
+    /// The document fills in what the settings leave open, and the defaults what both leave open.
+    ///
+    /// # Errors
+    /// Settings out of their ranges, or more patches than can be numbered.
+    pub fn new(document: &'d Document, scene: &Scene, settings: &Settings) -> Result<Plan<'d>> {
+        let settings = Settings {
+            patches: settings.patches.or(&document.patches),
+            light: settings.light.or(&document.light),
+            seed: settings.seed,
+        };
+        let mesh = PatchMesh::subdivide(scene, Subdivision::of(&settings.patches))?;
+        let choices = Choices::new(&settings, &mesh)?;
+        Ok(Plan { document, mesh, choices })
+    }
+
+    /// Rays that the light takes, at most: how thoroughly a hierarchy should be built.
+    pub fn rays(&self) -> u64 {
+        self.choices.expected_rays(&self.mesh)
+    }
+
+    /// Solves the light. `caster` must know the scene's triangles.
+    ///
+    /// # Errors
+    /// See [`radiosity::solve`].
+    pub fn solve(
+        &self,
+        caster: &impl RayCaster,
+        progress: &dyn Progress,
+    ) -> Result<(Solution, Spent)> {
+        let light = radiosity::solve(caster, &self.mesh, &self.choices, progress)
+            .map_err(|error| error.in_file_if_none(&self.document.file))?;
+        let start = Instant::now();
+        let (uncovered, cover_rays) = coverage::uncovered(caster, &self.mesh);
+        let camera = self.document.view(&self.mesh.scene, caster);
+        let spent = Spent {
+            rays: light.rays + cover_rays,
+            transport: light.transport_time,
+            solve: light.solve_time,
+            coverage: start.elapsed(),
+        };
+        let solution = Solution::new(self.document, &self.mesh, (light, uncovered), camera);
+        Ok((solution, spent))
+    }
+}
+
+impl Solution {
+    /// Plans and solves at once.
+    ///
+    /// # Errors
+    /// See [`Plan::new`] and [`Plan::solve`].
+    pub fn solve(
+        document: &Document,
+        scene: &Scene,
+        caster: &impl RayCaster,
+        settings: &Settings,
+        progress: &dyn Progress,
+    ) -> Result<Solution> {
+        let (solution, _) = Plan::new(document, scene, settings)?.solve(caster, progress)?;
+        Ok(solution)
+    }
+}
