@@ -3,10 +3,8 @@
 use crate::color::Rgb64;
 use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::direct::Emitters;
-use crate::form_factor::hemisphere::HemisphereSource;
-use crate::form_factor::pairs::PairRows;
 use crate::form_factor::{
-    Defects, Estimator, ExchangeMatrix, FormFactors, HemisphereRows, Row, RowSource, row_sum_defect,
+    Estimator, ExchangeMatrix, HemisphereRows, OnDemand, Row, Rows, Transport, row_sum_defect,
 };
 use crate::geometry::RayCaster;
 use crate::memory;
@@ -121,7 +119,7 @@ pub struct Radiosity {
     pub row_sum_defect: f64,
     /// Σ A |Σ_j F_ij − 1| / Σ A over the rows that were needed.
     pub mean_row_sum_defect: f64,
-    /// See [`Defects::reciprocity`]; `None` where no matrix was stored.
+    /// See [`Transport::reciprocity_defect`]; `None` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: Energy,
     pub rays: u64,
@@ -194,13 +192,11 @@ pub fn solve(
     };
     let (transport_time, solution, reciprocity_defect) = match method {
         Some(method) => {
-            let form_factors = matrix(&estimator, settings);
+            let matrix = matrix(&estimator, settings);
             go_on(progress)?;
             let transport_time = start.elapsed();
-            let solution = problem.solve(&form_factors, method, settings.stop, progress)?;
-            let sums: Vec<f64> = solution.row_sums.iter().flatten().copied().collect();
-            let Defects { reciprocity, .. } = form_factors.defects(&sums);
-            (transport_time, solution, Some(reciprocity))
+            let solution = problem.solve(&*matrix, method, settings.stop, progress)?;
+            (transport_time, solution, matrix.reciprocity_defect())
         }
         None => {
             let clock = Clock::default();
@@ -246,10 +242,10 @@ fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {
     memory::check(&what, bytes, settings.memory_limit, remedy)
 }
 
-fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Choices) -> FormFactors {
+fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Choices) -> Box<dyn Transport> {
     match settings.method {
-        Method::Pairs => FormFactors::Exchange(of.exchange_matrix()),
-        Method::Hemisphere => FormFactors::Rows(of.hemisphere_rows()),
+        Method::Pairs => Box::new(of.exchange_matrix()),
+        Method::Hemisphere => Box::new(of.hemisphere_rows()),
     }
 }
 
@@ -266,7 +262,7 @@ impl Clock {
 /// Rows whose making is timed.
 struct Timed<'c, R>(R, &'c Clock);
 
-impl<R: RowSource> RowSource for Timed<'_, R> {
+impl<R: Rows> Rows for Timed<'_, R> {
     fn row(&self, i: PatchId) -> Row {
         let start = Instant::now();
         let row = self.0.row(i);
@@ -284,15 +280,17 @@ fn shoot<C: RayCaster>(
 ) -> Result<Converged> {
     let stop = settings.stop;
     match settings.method {
-        Method::Pairs => problem.shoot(&Timed(PairRows(of), clock), stop, progress),
-        Method::Hemisphere => problem.shoot(&Timed(HemisphereSource(of), clock), stop, progress),
+        Method::Pairs => problem.shoot(&Timed(OnDemand::pairs(of), clock), stop, progress),
+        Method::Hemisphere => {
+            problem.shoot(&Timed(OnDemand::hemisphere(of), clock), stop, progress)
+        }
     }
 }
 
 fn row<C: RayCaster>(of: &Estimator<C>, method: Method, i: PatchId) -> Row {
     match method {
-        Method::Pairs => PairRows(of).row(i),
-        Method::Hemisphere => HemisphereSource(of).row(i),
+        Method::Pairs => OnDemand::pairs(of).row(i),
+        Method::Hemisphere => OnDemand::hemisphere(of).row(i),
     }
 }
 

@@ -15,8 +15,7 @@ use crate::color::Rgb64;
 use crate::coverage::{uncovered, uncovered_share};
 use crate::error::Result;
 use crate::form_factor::direct::Emitters;
-use crate::form_factor::hemisphere::HemisphereSource;
-use crate::form_factor::{Estimator, RowSource};
+use crate::form_factor::{Estimator, OnDemand, Rows};
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
@@ -148,7 +147,7 @@ impl Pipeline<'_> {
         let row = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.samples, settings.points);
             let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &());
-            HemisphereSource(&of).row(i).entries
+            OnDemand::hemisphere(&of).row(i).entries
         };
         self.per_patch(pair, row, |a, b| count_entries(a, b))
     }

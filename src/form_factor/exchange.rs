@@ -1,5 +1,6 @@
 //! The symmetric matrix of exchange areas A_i F_ij.
 
+use super::transport::{Row, Rows, Transport, gather_rows};
 use crate::color::Rgb64;
 use crate::patches::PatchId;
 
@@ -29,29 +30,6 @@ impl ExchangeMatrix {
         let blocks = patches.div_ceil(TILE) as u64;
         let tile = (size_of::<Tile>() + size_of::<Option<Box<Tile>>>()) as u64;
         (blocks * (blocks + 1) / 2).saturating_mul(tile)
-    }
-
-    pub fn len(&self) -> usize {
-        self.areas.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.areas.is_empty()
-    }
-
-    /// See [`FormFactors::for_each_in_row`](super::FormFactors::for_each_in_row).
-    #[inline]
-    pub fn for_each_in_row(&self, i: PatchId, mut entry: impl FnMut(usize, f64)) {
-        let area = self.areas[i.index()];
-        self.for_each_exchange(i, |j, exchange| entry(j, exchange as f64 / area));
-    }
-
-    /// See [`FormFactors::gather_row`](super::FormFactors::gather_row).
-    #[inline]
-    pub fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
-        let mut sum = Rgb64::ZERO;
-        self.for_each_exchange(i, |j, exchange| sum += radiosity[j] * exchange as f64);
-        sum / self.areas[i.index()]
     }
 
     #[inline]
@@ -91,6 +69,49 @@ impl ExchangeMatrix {
     }
 }
 
+impl Transport for ExchangeMatrix {
+    fn len(&self) -> usize {
+        self.areas.len()
+    }
+
+    fn gather(&self, radiosity: &[Rgb64]) -> Vec<Rgb64> {
+        gather_rows(self, radiosity)
+    }
+
+    fn rows(&self) -> Option<&dyn Rows> {
+        Some(self)
+    }
+
+    /// Zero: one stored number serves both directions.
+    fn reciprocity_defect(&self) -> Option<f64> {
+        Some(0.0)
+    }
+}
+
+impl Rows for ExchangeMatrix {
+    fn row(&self, i: PatchId) -> Row {
+        let mut entries = Vec::new();
+        self.for_each_in_row(i, &mut |j, factor| entries.push((PatchId(j as u32), factor)));
+        Row { entries, on_backs: None }
+    }
+
+    fn for_each_in_row(&self, i: PatchId, entry: &mut dyn FnMut(usize, f64)) {
+        let area = self.areas[i.index()];
+        self.for_each_exchange(i, |j, exchange| entry(j, exchange as f64 / area));
+    }
+
+    fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
+        let mut sum = Rgb64::ZERO;
+        self.for_each_exchange(i, |j, exchange| sum += radiosity[j] * exchange as f64);
+        sum / self.areas[i.index()]
+    }
+
+    /// `None`: a pair that does not see each other leaves no trace of what is in between.
+    fn on_backs(&self, _: PatchId) -> Option<f64> {
+        None
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,7 +143,7 @@ mod tests {
         let matrix = numbered(n);
         for i in 0..n {
             let mut row = vec![0.0; n];
-            matrix.for_each_in_row(PatchId(i as u32), |j, factor| row[j] += factor);
+            matrix.for_each_in_row(PatchId(i as u32), &mut |j, factor| row[j] += factor);
             for (j, &factor) in row.iter().enumerate() {
                 let exchange = if i == j { 0 } else { i.min(j) * 1000 + i.max(j) };
                 assert_eq!(factor, exchange as f64 / (i + 1) as f64, "F({i}, {j})");

@@ -4,7 +4,8 @@
 //! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes per ray, and it
 //! sums to 1 wherever every ray hits a front.
 
-use super::{Estimator, Row, RowSource};
+use super::transport::{Row, Rows, Transport, gather_rows};
+use super::{Estimator, Hemisphere, OnDemand};
 use crate::color::Rgb64;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::PatchId;
@@ -33,66 +34,81 @@ impl HemisphereRows {
         (patches as u64).saturating_mul(rays as u64 * size_of::<u32>() as u64)
     }
 
-    pub fn len(&self) -> usize {
+    /// The hits of row i's rays, sorted.
+    #[inline]
+    fn hits_of(&self, i: usize) -> &[u32] {
+        &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row]
+    }
+
+    /// Those of them that are patches.
+    #[inline]
+    fn patches_hit(&self, i: usize) -> &[u32] {
+        let hits = self.hits_of(i);
+        &hits[..hits.partition_point(|&hit| hit < ON_BACK)]
+    }
+}
+
+impl Transport for HemisphereRows {
+    fn len(&self) -> usize {
         self.areas.len()
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.areas.is_empty()
+    fn gather(&self, radiosity: &[Rgb64]) -> Vec<Rgb64> {
+        gather_rows(self, radiosity)
     }
 
-    /// The hits of row i's rays, without those that hit no patch, sorted.
-    #[inline]
-    fn row(&self, i: usize) -> &[u32] {
-        let row = &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row];
-        &row[..row.partition_point(|&hit| hit < ON_BACK)]
+    fn rows(&self) -> Option<&dyn Rows> {
+        Some(self)
     }
 
-    /// The share of each row's rays that ended on backs.
-    pub(super) fn on_backs(&self) -> Vec<f64> {
-        self.hits.chunks(self.rays_per_row).map(share_on_backs).collect()
-    }
-
-    /// See [`FormFactors::for_each_in_row`](super::FormFactors::for_each_in_row).
-    #[inline]
-    pub fn for_each_in_row(&self, i: PatchId, mut entry: impl FnMut(usize, f64)) {
-        let factor = 1.0 / self.rays_per_row as f64;
-        self.row(i.index()).iter().for_each(|&hit| entry(hit as usize, factor));
-    }
-
-    /// See [`FormFactors::gather_row`](super::FormFactors::gather_row).
-    #[inline]
-    pub fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
-        let sum: Rgb64 = self.row(i.index()).iter().map(|&hit| radiosity[hit as usize]).sum();
-        sum / self.rays_per_row as f64
-    }
-
-    /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j).
-    ///
     /// A difference of two exchanges is at most the larger of them, so an entry whose own exchange
     /// does not exceed the largest defect so far needs no look at its mirror.
-    pub fn reciprocity_defect(&self) -> f64 {
+    fn reciprocity_defect(&self) -> Option<f64> {
         let n = self.rays_per_row as f64;
         let exchange = |i: usize, count: usize| self.areas[i] * count as f64 / n;
-        (0..self.len())
-            .into_par_iter()
-            .fold(
-                || 0f64,
-                |mut largest, i| {
-                    for run in self.row(i).chunk_by(|a, b| a == b) {
-                        let j = run[0] as usize;
-                        let smaller = self.areas[i].min(self.areas[j]);
-                        let ours = exchange(i, run.len());
-                        if ours / smaller > largest {
-                            let theirs = exchange(j, count(self.row(j), i as u32));
-                            largest = largest.max((ours - theirs).abs() / smaller);
-                        }
-                    }
-                    largest
-                },
-            )
-            .reduce(|| 0.0, f64::max)
+        let largest_of_row = |mut largest: f64, i: usize| {
+            for run in self.patches_hit(i).chunk_by(|a, b| a == b) {
+                let j = run[0] as usize;
+                let smaller = self.areas[i].min(self.areas[j]);
+                let ours = exchange(i, run.len());
+                if ours / smaller > largest {
+                    let theirs = exchange(j, count(self.patches_hit(j), i as u32));
+                    largest = largest.max((ours - theirs).abs() / smaller);
+                }
+            }
+            largest
+        };
+        let patches = (0..self.len()).into_par_iter();
+        Some(patches.fold(|| 0.0, largest_of_row).reduce(|| 0.0, f64::max))
     }
+}
+
+impl Rows for HemisphereRows {
+    fn row(&self, i: PatchId) -> Row {
+        row_of(self.hits_of(i.index()))
+    }
+
+    fn for_each_in_row(&self, i: PatchId, entry: &mut dyn FnMut(usize, f64)) {
+        let factor = 1.0 / self.rays_per_row as f64;
+        self.patches_hit(i.index()).iter().for_each(|&hit| entry(hit as usize, factor));
+    }
+
+    fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
+        let hits = self.patches_hit(i.index()).iter();
+        hits.map(|&hit| radiosity[hit as usize]).sum::<Rgb64>() / self.rays_per_row as f64
+    }
+
+    fn on_backs(&self, i: PatchId) -> Option<f64> {
+        Some(share_on_backs(self.hits_of(i.index())))
+    }
+}
+
+/// The row with these hits, sorted.
+fn row_of(hits: &[u32]) -> Row {
+    let n = hits.len() as f64;
+    let runs = hits.chunk_by(|a, b| a == b).filter(|run| run[0] < ON_BACK);
+    let entries = runs.map(|run| (PatchId(run[0]), run.len() as f64 / n)).collect();
+    Row { entries, on_backs: Some(share_on_backs(hits)) }
 }
 
 /// The share of a whole row's rays that ended on backs.
@@ -168,17 +184,10 @@ impl HemisphereWork {
     }
 }
 
-/// Rows of hemispherical form factors, without a matrix.
-pub struct HemisphereSource<'a, C>(pub &'a Estimator<'a, C>);
-
-impl<C: RayCaster> RowSource for HemisphereSource<'_, C> {
-    /// As [`Estimator::hemisphere_rows`] would store it, number by number.
+impl<C: RayCaster> Rows for OnDemand<'_, C, Hemisphere> {
     fn row(&self, i: PatchId) -> Row {
-        let mut hits = vec![ESCAPED; self.0.samples as usize];
-        HemisphereWork::new(self.0).trace(self.0, i, &mut hits);
-        let n = hits.len() as f64;
-        let runs = hits.chunk_by(|a, b| a == b).filter(|run| run[0] < ON_BACK);
-        let entries = runs.map(|run| (PatchId(run[0]), run.len() as f64 / n)).collect();
-        Row { entries, on_backs: Some(share_on_backs(&hits)) }
+        let mut hits = vec![ESCAPED; self.of.samples as usize];
+        HemisphereWork::new(self.of).trace(self.of, i, &mut hits);
+        row_of(&hits)
     }
 }

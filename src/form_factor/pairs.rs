@@ -9,7 +9,8 @@
 
 use super::exchange::{ExchangeMatrix, TILE, Tile};
 use super::spherical::SphericalTriangle;
-use super::{Estimator, Row, RowSource};
+use super::transport::{Row, Rows};
+use super::{Estimator, OnDemand, Pairs};
 use crate::geometry::{Ray, RayCaster, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
 use crate::progress::Stage;
@@ -334,13 +335,9 @@ impl PairPoints {
     }
 }
 
-/// Rows of pairwise form factors, without a matrix.
-pub struct PairRows<'a, C>(pub &'a Estimator<'a, C>);
-
-impl<C: RayCaster> RowSource for PairRows<'_, C> {
-    /// As [`Estimator::exchange_matrix`] would store it, number by number.
+impl<C: RayCaster> Rows for OnDemand<'_, C, Pairs> {
     fn row(&self, i: PatchId) -> Row {
-        let of = self.0;
+        let of = self.of;
         let area = of.mesh.area(i);
         let blocks = of.mesh.len().div_ceil(TILE);
         let entries: Vec<Vec<(PatchId, f64)>> = (0..blocks)
@@ -354,7 +351,7 @@ impl<C: RayCaster> RowSource for PairRows<'_, C> {
     }
 }
 
-impl<C: RayCaster> PairRows<'_, C> {
+impl<C: RayCaster> OnDemand<'_, C, Pairs> {
     fn row_block(
         &self,
         i: PatchId,
@@ -363,7 +360,7 @@ impl<C: RayCaster> PairRows<'_, C> {
         points: &PairPoints,
         work: &mut PairWork,
     ) -> Vec<(PatchId, f64)> {
-        let of = self.0;
+        let of = self.of;
         let own = Facet::patch(of.mesh, i);
         let first = block * TILE;
         let mut facing = FacingCache::default();

@@ -6,13 +6,14 @@
 use super::{Problem, Stop};
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
-use crate::form_factor::FormFactors;
+use crate::form_factor::{Rows, Transport};
 use crate::patches::PatchId;
 use crate::progress::Progress;
 
 pub(super) fn solve(
     problem: &Problem,
-    form_factors: &FormFactors,
+    transport: &dyn Transport,
+    rows: &dyn Rows,
     stop: Stop,
     progress: &dyn Progress,
 ) -> Result<(Vec<Rgb64>, Vec<f64>)> {
@@ -20,10 +21,10 @@ pub(super) fn solve(
     let mut residuals = Vec::new();
     while !stop.reached(residuals.len(), &residuals, super::MOST_ITERATIONS)? {
         for i in 0..problem.len() {
-            let irradiance = form_factors.gather_row(PatchId(i as u32), &radiosity);
+            let irradiance = rows.gather_row(PatchId(i as u32), &radiosity);
             radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance;
         }
-        residuals.push(problem.residual(&radiosity, &form_factors.gather(&radiosity)));
+        residuals.push(problem.residual(&radiosity, &transport.gather(&radiosity)));
         progress.advance(1);
         if progress.is_stopped() {
             return Err(Error::stopped());

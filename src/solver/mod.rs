@@ -10,8 +10,8 @@ mod southwell;
 
 use crate::color::Rgb64;
 use crate::error::{Error, ErrorKind, Result};
-use crate::form_factor::{FormFactors, RowSource};
-use crate::patches::PatchMesh;
+use crate::form_factor::{Rows, Transport, row_sums};
+use crate::patches::{PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
 
 /// The known parts of the equation, one entry per patch.
@@ -77,30 +77,38 @@ impl Problem {
     /// that is still above the tolerance after 10,000 iterations. Or `progress` asked to stop.
     pub fn solve(
         &self,
-        form_factors: &FormFactors,
+        transport: &dyn Transport,
         method: MatrixMethod,
         stop: Stop,
         progress: &dyn Progress,
     ) -> Result<Converged> {
-        let row_sums = form_factors.row_sums();
-        self.check_row_sums(&row_sums)?;
+        let rows = transport.rows();
+        let row_sums = rows.map(|rows| row_sums(rows, self.len()));
+        row_sums.as_ref().map_or(Ok(()), |sums| self.check_row_sums(sums))?;
         progress.begin(Stage::Solve, None);
         let found = match method {
-            MatrixMethod::Jacobi => jacobi::solve(self, form_factors, stop, progress),
-            MatrixMethod::GaussSeidel => gauss_seidel::solve(self, form_factors, stop, progress),
+            MatrixMethod::Jacobi => jacobi::solve(self, transport, stop, progress),
+            MatrixMethod::GaussSeidel => match rows {
+                Some(rows) => gauss_seidel::solve(self, transport, rows, stop, progress),
+                None => {
+                    Err(Error::new("Gauss–Seidel goes row by row, and this transport has no rows")
+                        .remedy("use Jacobi's method"))
+                }
+            },
         };
         progress.end();
         let (radiosity, residuals) = found?;
+        let patches = (0..self.len() as u32).map(PatchId);
         Ok(Converged {
-            irradiance: form_factors.gather(&radiosity),
+            irradiance: transport.gather(&radiosity),
             radiosity,
             iterations: residuals.len(),
             residuals,
-            row_sums: row_sums.into_iter().map(Some).collect(),
-            on_backs: match form_factors.on_backs() {
-                Some(shares) => shares.into_iter().map(Some).collect(),
+            row_sums: match row_sums {
+                Some(sums) => sums.into_iter().map(Some).collect(),
                 None => vec![None; self.len()],
             },
+            on_backs: patches.map(|i| rows.and_then(|rows| rows.on_backs(i))).collect(),
             reception_sums: None,
         })
     }
@@ -109,12 +117,7 @@ impl Problem {
     ///
     /// # Errors
     /// A problem that cannot converge, or `progress` asked to stop.
-    pub fn shoot(
-        &self,
-        rows: &impl RowSource,
-        stop: Stop,
-        progress: &dyn Progress,
-    ) -> Result<Converged> {
+    pub fn shoot(&self, rows: &dyn Rows, stop: Stop, progress: &dyn Progress) -> Result<Converged> {
         progress.begin(Stage::Shots, None);
         let found = southwell::solve(self, rows, stop, progress);
         progress.end();

@@ -8,13 +8,13 @@
 use super::{Converged, Problem, Stop, cannot_converge};
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
-use crate::form_factor::RowSource;
+use crate::form_factor::Rows;
 use crate::patches::PatchId;
 use crate::progress::Progress;
 
 pub(super) fn solve(
     problem: &Problem,
-    rows: &impl RowSource,
+    rows: &dyn Rows,
     stop: Stop,
     progress: &dyn Progress,
 ) -> Result<Converged> {

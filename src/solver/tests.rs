@@ -2,9 +2,7 @@
 
 use super::*;
 use crate::bvh::Bvh;
-use crate::form_factor::Estimator;
-use crate::form_factor::Row;
-use crate::form_factor::pairs::PairRows;
+use crate::form_factor::{Estimator, OnDemand, Row};
 use crate::geometry::Triangle;
 use crate::patches::{PatchId, Subdivision};
 use crate::sampling::{PointSet, Purpose, Stream};
@@ -67,18 +65,18 @@ fn problem(mesh: &PatchMesh, most: f64, seed: u64) -> Problem {
 /// F as rows of numbers.
 type Dense = Vec<Vec<f64>>;
 
-fn dense(form_factors: &FormFactors) -> Dense {
-    let n = form_factors.len();
+fn dense(transport: &dyn Transport) -> Dense {
+    let (n, rows) = (transport.len(), transport.rows().expect("rows"));
     (0..n)
         .map(|i| {
             let mut row = vec![0.0; n];
-            form_factors.for_each_in_row(PatchId(i as u32), |j, factor| row[j] += factor);
+            rows.for_each_in_row(PatchId(i as u32), &mut |j, factor| row[j] += factor);
             row
         })
         .collect()
 }
 
-impl RowSource for Dense {
+impl Rows for Dense {
     fn row(&self, i: PatchId) -> Row {
         let row = self[i.index()].iter().enumerate();
         let entries = row.filter(|(_, f)| **f > 0.0).map(|(j, &f)| (PatchId(j as u32), f));
@@ -162,16 +160,21 @@ fn assert_near(a: &[Rgb64], b: &[Rgb64], most: f64, what: &str) {
     }
 }
 
+/// One number serves F_ij and F_ji.
+fn is_by_pairs(transport: &dyn Transport) -> bool {
+    transport.reciprocity_defect() == Some(0.0)
+}
+
 /// Rooms with random triangles, reflectances and sources, and both kinds of matrix.
-fn for_each_problem(mut check: impl FnMut(&Problem, &FormFactors, &Estimator<Bvh>, &str)) {
+fn for_each_problem(mut check: impl FnMut(&Problem, &dyn Transport, &Estimator<Bvh>, &str)) {
     for seed in 0..4 {
         let scene = room(6 * seed as usize, seed);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
         let (bvh, quiet) = (<Bvh>::build(scene.triangles.clone()), quiet());
         let estimator = Estimator::new(&bvh, &mesh, 64, PointSet::Sobol, seed, &quiet);
         let problem = problem(&mesh, 0.8, seed);
-        let pairs = FormFactors::Exchange(estimator.exchange_matrix());
-        let rays = FormFactors::Rows(estimator.hemisphere_rows());
+        let pairs = estimator.exchange_matrix();
+        let rays = estimator.hemisphere_rows();
         check(&problem, &pairs, &estimator, &format!("pairs, seed {seed}"));
         check(&problem, &rays, &estimator, &format!("hemisphere, seed {seed}"));
     }
@@ -225,14 +228,14 @@ fn southwell_agrees_with_elimination_whatever_its_rows() {
 #[test]
 fn southwell_with_pairs_on_demand_finds_what_the_matrix_gives() {
     for_each_problem(|problem, form_factors, estimator, name| {
-        if let FormFactors::Rows(_) = form_factors {
+        if !is_by_pairs(form_factors) {
             return;
         }
         let f = dense(form_factors);
         let exact = direct_solution(problem, &f);
-        let shot = problem.shoot(&PairRows(estimator), to(1e-3), &quiet()).unwrap();
+        let shot = problem.shoot(&OnDemand::pairs(estimator), to(1e-3), &quiet()).unwrap();
         assert_near(&shot.radiosity, &exact, largest_error(problem, &f, 1e-3), name);
-        let sums = form_factors.row_sums();
+        let sums = row_sums(form_factors.rows().expect("rows"), form_factors.len());
         for (i, sum) in shot.row_sums.iter().enumerate() {
             // The same entries in the same order.
             assert!(sum.is_none_or(|sum| sum == sums[i]), "{name}: row {i}: {sum:?} {}", sums[i]);
@@ -304,7 +307,9 @@ fn southwells_residual_is_the_power_not_sent_yet_and_bounds_what_is_missing() {
 #[test]
 fn residuals_fall_monotonically_to_below_the_tolerance() {
     for_each_problem(|problem, form_factors, _, name| {
-        let FormFactors::Exchange(_) = form_factors else { return };
+        if !is_by_pairs(form_factors) {
+            return;
+        }
         // With A_i F_ij = A_j F_ji an iteration takes a residual of power Σ A|r| to at most
         // Σ_j A_j |r_j| Σ_i ρ_i F_ji, a share of it below 1; so does each relaxation of one patch.
         for method in METHODS {
@@ -432,7 +437,7 @@ fn light_that_never_leaves_a_closed_loop_is_refused() {
     let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
     let (bvh, quiet) = (<Bvh>::build(scene.triangles.clone()), quiet());
     let estimator = Estimator::new(&bvh, &mesh, 64, PointSet::Sobol, 0, &quiet);
-    let rows = FormFactors::Rows(estimator.hemisphere_rows());
+    let rows = estimator.hemisphere_rows();
     let f = dense(&rows);
     let all_white = vec![Rgb64::ONE; mesh.len()];
     let one_channel = vec![Rgb64::new(0.5, 1.0, 0.5); mesh.len()];
@@ -460,7 +465,7 @@ fn white_patches_are_welcome_where_light_can_leave() {
     let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
     let (bvh, quiet) = (<Bvh>::build(scene.triangles.clone()), quiet());
     let estimator = Estimator::new(&bvh, &mesh, 256, PointSet::Sobol, 0, &quiet);
-    let pairs = FormFactors::Exchange(estimator.exchange_matrix());
+    let pairs = estimator.exchange_matrix();
     let f = dense(&pairs);
     let reflectance = vec![Rgb64::ONE; mesh.len()];
     let problem = Problem { reflectance, ..Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]) };

@@ -1,7 +1,7 @@
 //! What each layer costs, on the Cornell box: `cargo bench`, or `cargo bench -- draw` for one.
 
 use divan::{Bencher, black_box};
-use isolux::form_factor::{Estimator, FormFactors};
+use isolux::form_factor::{Estimator, Rows};
 use isolux::geometry::{Ray, RayCaster};
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::render::smooth::VertexIrradiance;
@@ -75,7 +75,7 @@ fn gather_once_through_2304_rows(bencher: Bencher) {
     let mesh = patches(3);
     let tracer = Tracer::build(&mesh.scene);
     let estimator = Estimator::new(&tracer, &mesh, 256, PointSet::Sobol, 1, &());
-    let rows = FormFactors::Rows(estimator.hemisphere_rows());
+    let rows = estimator.hemisphere_rows();
     let radiosity = vec![isolux::color::Rgb64::ONE; mesh.len()];
     let gather = |i| {
         black_box(rows.gather_row(PatchId(i), &radiosity));

@@ -5,7 +5,7 @@ use glam::Vec3;
 use isolux::bvh::Bvh;
 use isolux::color::Rgb;
 use isolux::equivalence::{Cause, Pair, Pipeline};
-use isolux::form_factor::{Estimator, FormFactors};
+use isolux::form_factor::{Estimator, ExchangeMatrix, Rows, Transport};
 use isolux::geometry::{Hit, MollerTrumbore, Ray, RayCaster, Triangle};
 use isolux::oracle::{Device, EmbreeScene, Isa, Options, Packets};
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
@@ -111,10 +111,10 @@ fn asked_together_the_native_pipeline_does_not_change_and_nobody_is_wrong() {
 }
 
 /// All entries, row by row.
-fn entries(matrix: FormFactors) -> Vec<Vec<(usize, f64)>> {
+fn entries(matrix: ExchangeMatrix) -> Vec<Vec<(usize, f64)>> {
     let row = |i: usize| {
         let mut row = Vec::new();
-        matrix.for_each_in_row(PatchId(i as u32), |j, factor| row.push((j, factor)));
+        matrix.for_each_in_row(PatchId(i as u32), &mut |j, factor| row.push((j, factor)));
         row
     };
     (0..matrix.len()).map(row).collect()
@@ -129,10 +129,10 @@ fn pairwise_form_factors_differ_only_where_a_verdict_says_so() {
         for_each_embree(|isa, robust| {
             let checked = both(&scene.triangles, isa, robust);
             let native = Estimator::new(&checked, &mesh, 9, PointSet::Sobol, 3, &quiet);
-            let native = entries(FormFactors::Exchange(native.exchange_matrix()));
+            let native = entries(native.exchange_matrix());
             let embree = embree(&scene.triangles, isa, robust);
             let other = Estimator::new(&embree, &mesh, 9, PointSet::Sobol, 3, &quiet);
-            let other = entries(FormFactors::Exchange(other.exchange_matrix()));
+            let other = entries(other.exchange_matrix());
             let different = native.iter().zip(&other).filter(|(a, b)| a != b).count() as u64;
             let tally = checked.record().tally;
             println!("{name}, {isa}, robust {robust}: {different} rows differ, {tally:?}");

@@ -7,7 +7,7 @@ use crate::scenes::{
 use glam::{DVec3, Vec3};
 use isolux::color::{Rgb, Rgb64};
 use isolux::error::ErrorKind;
-use isolux::form_factor::{ExchangeMatrix, FormFactors, HemisphereRows};
+use isolux::form_factor::{ExchangeMatrix, HemisphereRows, Transport};
 use isolux::geometry::Triangle;
 use isolux::patches::PatchId;
 use isolux::progress::{Progress, Stage};
@@ -58,14 +58,14 @@ fn room() -> Vec<Triangle> {
 /// off row i for what j receives.
 fn received(world: &World, settings: &Choices) -> Vec<Vec<f64>> {
     let estimator = world.estimator(settings.samples, settings.points, settings.seed);
-    let matrix = match settings.method {
-        Method::Pairs => FormFactors::Exchange(estimator.exchange_matrix()),
-        Method::Hemisphere => FormFactors::Rows(estimator.hemisphere_rows()),
+    let matrix: Box<dyn Transport> = match settings.method {
+        Method::Pairs => Box::new(estimator.exchange_matrix()),
+        Method::Hemisphere => Box::new(estimator.hemisphere_rows()),
     };
-    let n = matrix.len();
+    let (n, rows) = (matrix.len(), matrix.rows().expect("rows"));
     let mut f = vec![vec![0.0; n]; n];
     for i in all(&world.mesh) {
-        matrix.for_each_in_row(i, |j, factor| match settings.solver {
+        rows.for_each_in_row(i, &mut |j, factor| match settings.solver {
             Solver::Jacobi | Solver::GaussSeidel => f[i.index()][j] += factor,
             Solver::Southwell => {
                 f[j][i.index()] += factor * world.mesh.area(i) / world.mesh.area(PatchId(j as u32));
