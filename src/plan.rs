@@ -1,7 +1,7 @@
 //! From a scene and its settings to its solution.
 
 use crate::coverage;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
 use crate::patches::{PatchMesh, Subdivision};
 use crate::progress::Progress;
@@ -42,8 +42,10 @@ impl<'d> Plan<'d> {
             light: settings.light.or(&document.light),
             seed: settings.seed,
         };
-        let mesh = PatchMesh::subdivide(scene, Subdivision::of(&settings.patches))?;
-        let choices = Choices::new(&settings, &mesh)?;
+        let of_document = |error: Error| error.in_file_if_none(&document.file);
+        let mesh =
+            PatchMesh::subdivide(scene, Subdivision::of(&settings.patches)).map_err(of_document)?;
+        let choices = Choices::new(&settings, &mesh).map_err(of_document)?;
         Ok(Plan { document, mesh, choices })
     }
 

@@ -16,8 +16,9 @@ use crate::export::file::{Output, write_all};
 use crate::patches::PatchMesh;
 use crate::radiosity::{Energy, Radiosity};
 use crate::render::{Image, tone};
-use crate::scene::document::ImageDefaults;
-use crate::scene::{Camera, Document, Scene};
+use crate::scene::document::{ImageDefaults, is_view_name};
+use crate::scene::obj::text::read_bytes;
+use crate::scene::{Camera, Document, Material, Scene};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -102,15 +103,7 @@ impl Solution {
     /// # Errors
     /// A name that no view has.
     pub fn view(&self, name: &str) -> Result<&Camera> {
-        self.views.get(name).ok_or_else(|| {
-            let known: Vec<&str> = self.views.keys().map(String::as_str).collect();
-            let error = Error::new(format!("no view has the name {name}"));
-            if known.is_empty() {
-                error.remedy("describe it as [views.NAME] in the scene's description")
-            } else {
-                error.remedy(format!("there are: {}", known.join(", ")))
-            }
-        })
+        view_of(&self.views, name)
     }
 
     /// The scene's patches, numbered as the irradiance is.
@@ -183,33 +176,56 @@ impl Solution {
     /// See [`Solution::from_bytes`]; or a file that cannot be read.
     pub fn load(path: impl AsRef<Path>) -> Result<Solution> {
         let path = path.as_ref();
-        let bytes = std::fs::read(path).map_err(|error| {
+        let bytes = read_bytes(path).map_err(|error| {
             Error::io(path, "read the light file", &error).remedy("check the path")
         })?;
         Solution::from_bytes(&bytes).map_err(|error| error.in_file(path))
     }
 
-    /// A checksum finds damage, not a forger: whatever would make a later step panic is refused.
+    /// A checksum finds damage, not a forger: what no scene and no light can be is refused.
     fn check(&self) -> Result<()> {
         let scene = &self.scene;
-        let fits = scene.material_of.len() == scene.triangles.len()
+        let lists_fit = scene.material_of.len() == scene.triangles.len()
             && scene.material_of.iter().all(|m| (m.0 as usize) < scene.materials.len())
             && scene.mesh.fits(scene.triangles.len())
             && scene.triangles.iter().all(|t| t.area() > 0.0 && t.area().is_finite());
-        let inconsistent = || {
-            Error::new("the light file contradicts itself")
-                .remedy("make it again: isolux solve SCENE -o ROOM.light")
-        };
-        if !fits {
-            return Err(inconsistent());
+        if !lists_fit {
+            return Err(contradiction());
+        }
+        // Counted before any patch is made.
+        let patches = PatchMesh::count(scene, &self.levels)?;
+        let is_light = |h: &Rgb64| h.is_finite() && h.cmpge(Rgb64::ZERO).all();
+        let means_something = self.irradiance.len() == patches
+            && self.uncovered.len() == patches
+            && self.irradiance.iter().all(is_light)
+            && self.uncovered.iter().all(|share| (0.0..=1.0).contains(share))
+            && scene.materials.iter().all(Material::is_possible)
+            && (1e-30..=1e30).contains(&scene.metres_per_unit)
+            && std::iter::once(&self.camera).chain(self.views.values()).all(Camera::is_possible)
+            && self.views.keys().all(|name| is_view_name(name));
+        if !means_something {
+            return Err(contradiction());
         }
         self.image.check()?;
-        let patches = PatchMesh::from_levels(scene, &self.levels)?.len();
-        if self.irradiance.len() != patches || self.uncovered.len() != patches {
-            return Err(inconsistent());
-        }
-        Ok(())
+        scene.check_extent(Path::new(&self.title))
     }
+}
+
+fn contradiction() -> Error {
+    Error::new("the light file contradicts itself")
+        .remedy("make it again: isolux solve SCENE -o ROOM.light")
+}
+
+pub(crate) fn view_of<'v>(views: &'v BTreeMap<String, Camera>, name: &str) -> Result<&'v Camera> {
+    views.get(name).ok_or_else(|| {
+        let known: Vec<&str> = views.keys().map(String::as_str).collect();
+        let error = Error::new(format!("no view has the name {name}"));
+        if known.is_empty() {
+            error.remedy("describe it as [views.NAME] in the scene's description")
+        } else {
+            error.remedy(format!("there are: {}", known.join(", ")))
+        }
+    })
 }
 
 #[cfg(test)]
@@ -274,14 +290,43 @@ mod tests {
     #[test]
     fn a_well_formed_contradiction_is_refused() {
         let good = solution();
-        let refused = |solution: Solution| {
-            Solution::from_bytes(&solution.to_bytes()).expect_err("a contradiction").to_string()
+        let refused = |solution: Solution, why: &str| {
+            let error = Solution::from_bytes(&solution.to_bytes()).expect_err(why).to_string();
+            assert!(error.contains(why), "{error}");
         };
-        refused(Solution { levels: vec![], ..good.clone() });
-        refused(Solution { levels: vec![3], ..good.clone() });
-        refused(Solution { levels: vec![u32::MAX], ..good.clone() });
-        refused(Solution { uncovered: vec![], ..good.clone() });
-        let scene = Scene { material_of: [MaterialId(9)].into(), ..good.scene.clone() };
-        refused(Solution { scene, ..good });
+        let itself = "contradicts itself";
+        refused(Solution { levels: vec![], ..good.clone() }, "0 levels of subdivision");
+        refused(Solution { levels: vec![3], ..good.clone() }, itself);
+        refused(Solution { levels: vec![u32::MAX], ..good.clone() }, "4294967295 levels");
+        refused(Solution { uncovered: vec![], ..good.clone() }, itself);
+        refused(Solution { uncovered: vec![f64::NAN; 16], ..good.clone() }, itself);
+        refused(Solution { irradiance: vec![-Rgb64::ONE; 16], ..good.clone() }, itself);
+        let views = [("../x".to_string(), good.camera.clone())].into();
+        refused(Solution { views, ..good.clone() }, itself);
+        let scene = |change: fn(&mut Scene)| {
+            let mut scene = good.scene.clone();
+            change(&mut scene);
+            Solution { scene, ..good.clone() }
+        };
+        refused(scene(|s| s.material_of = [MaterialId(9)].into()), itself);
+        refused(scene(|s| s.metres_per_unit = f64::NAN), itself);
+        refused(
+            scene(|s| s.triangles = [Triangle::new(Vec3::ZERO, Vec3::X, Vec3::X)].into()),
+            itself,
+        );
+        let too_bright = Material { reflectance: Vec3::splat(f32::NAN), ..Material::fallback() };
+        let materials = [too_bright].into();
+        refused(
+            Solution { scene: Scene { materials, ..good.scene.clone() }, ..good.clone() },
+            itself,
+        );
+        refused(
+            scene(|s| s.triangles = s.triangles.iter().map(|t| far(*t)).collect()),
+            "away from the origin",
+        );
+    }
+
+    fn far(triangle: Triangle) -> Triangle {
+        Triangle { p: triangle.p.map(|p| p + 1e5) }
     }
 }

@@ -39,7 +39,7 @@ pub(super) struct RenderArguments {
     pub crease: f32,
 
     /// Factor from radiance to display brightness; 1 is white. For PNG [default: the scene's, else
-    /// automatic]
+    /// automatic, from the first picture]
     #[arg(long, value_name = "FACTOR", value_parser = parse_positive, help_heading = "Picture")]
     pub exposure: Option<f32>,
 
@@ -56,10 +56,10 @@ pub(super) struct RenderArguments {
 /// A camera from the command line.
 #[derive(clap::Args)]
 pub(super) struct ViewArguments {
-    /// A view that the scene describes as [views.NAME]; several draw a picture each: room.png becomes
-    /// room-NAME.png
+    /// A view that the scene describes as [views.NAME]; several draw a picture each, all with one
+    /// exposure: room.png becomes room-NAME.png
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = parse_view,
-          conflicts_with = "position", help_heading = "Picture")]
+          conflicts_with_all = ["position", "look_at", "up", "fov"], help_heading = "Picture")]
     pub view: Vec<String>,
 
     /// Look from here, in the scene's coordinates [default: the scene's camera, else one that is fitted]
@@ -78,7 +78,13 @@ pub(super) struct ViewArguments {
     up: Option<Vec3>,
 
     /// Vertical field of view in degrees
-    #[arg(long, value_name = "DEGREES", requires = "position", help_heading = "Picture")]
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        requires = "position",
+        allow_negative_numbers = true,
+        help_heading = "Picture"
+    )]
     fov: Option<f32>,
 }
 

@@ -13,7 +13,7 @@ use crate::plan::Plan;
 use crate::render::{Frame, Image};
 use crate::scene::document::ImageDefaults;
 use crate::scene::{Camera, Document, Scene};
-use crate::solution::Solution;
+use crate::solution::{Solution, view_of};
 use crate::view::View;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
@@ -69,7 +69,13 @@ impl Run<'_> {
         let arguments = self.arguments;
         let document = Document::open(&arguments.scene)?;
         check_overwriting(arguments, &self.pictures, &document.inputs())?;
+        let views = self.pictures.iter().filter_map(|picture| picture.view.as_deref());
+        for name in views {
+            view_of(&document.views, name).map_err(|error| error.in_file(&document.file))?;
+        }
         let scene = document.scene()?;
+        let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
+        check_overwriting(arguments, &self.pictures, &files)?;
         warn(&scene.warnings);
         let frame = self.frame(&document.image)?;
         let load = self.start.elapsed();

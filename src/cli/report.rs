@@ -122,7 +122,8 @@ impl Report {
     /// The few lines that end a run.
     pub(super) fn to_text(&self) -> String {
         let s = &self.seconds;
-        let mut text = format!("{}\n", self.scene);
+        // The title is a file's text, and must not speak to the terminal.
+        let mut text = format!("{}\n", self.scene.escape_debug());
         let mut line = |name: &str, value: String| {
             let _ = writeln!(text, "  {name:<13} {value}");
         };

@@ -42,6 +42,8 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
     let document = Document::open(&arguments.scene)?;
     check_distinct(&outputs, &document.inputs())?;
     let scene = document.scene()?;
+    let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
+    check_distinct(&outputs, &files)?;
     warn(&scene.warnings);
     let load = start.elapsed();
 

@@ -140,6 +140,8 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     let description = Document::open(&arguments.scene)?;
     check_distinct(&outputs, &description.inputs())?;
     let scene = Scene::load(&description)?;
+    let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
+    check_distinct(&outputs, &files)?;
     warn(&scene.warnings);
 
     let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());

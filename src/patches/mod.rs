@@ -130,6 +130,15 @@ impl PatchMesh {
     /// Another number of levels than of triangles, a level above [`MAX_LEVEL`], or more patches than can
     /// be numbered.
     pub fn from_levels(scene: &Scene, levels: &[u32]) -> Result<PatchMesh> {
+        PatchMesh::count(scene, levels)?;
+        Ok(PatchMesh::with_levels(scene, levels))
+    }
+
+    /// The number of patches that [`PatchMesh::from_levels`] would make.
+    ///
+    /// # Errors
+    /// As `from_levels`.
+    pub fn count(scene: &Scene, levels: &[u32]) -> Result<usize> {
         if levels.len() != scene.triangles.len() {
             return Err(Error::new(format!(
                 "{} levels of subdivision for {} triangles",
@@ -137,8 +146,7 @@ impl PatchMesh {
                 scene.triangles.len()
             )));
         }
-        check_count(scene, levels)?;
-        Ok(PatchMesh::with_levels(scene, levels))
+        check_count(scene, levels)
     }
 
     /// How often each triangle is split.
@@ -262,8 +270,8 @@ impl PatchMesh {
     }
 }
 
-/// Refuses more patches than can be numbered, and levels that no triangle may have.
-fn check_count(scene: &Scene, levels: &[u32]) -> Result<()> {
+/// The number of patches. Refuses more than can be numbered, and levels that no triangle may have.
+fn check_count(scene: &Scene, levels: &[u32]) -> Result<usize> {
     let sides_of = |t: usize| 1 + scene.material(TriangleId(t as u32)).two_sided as u64;
     let patches_of =
         |(t, &level): (usize, &u32)| sides_of(t).saturating_mul(4u64.saturating_pow(level));
@@ -277,7 +285,7 @@ fn check_count(scene: &Scene, levels: &[u32]) -> Result<()> {
         .of_kind(ErrorKind::Patches)
         .remedy("take larger patches"));
     }
-    Ok(())
+    Ok(count as usize)
 }
 
 fn check(subdivision: Subdivision) -> Result<()> {

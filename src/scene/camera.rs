@@ -71,6 +71,17 @@ impl Camera {
         })
     }
 
+    /// Whether this is what [`Camera::new`] makes: one that was read from a file need not be.
+    pub(crate) fn is_possible(&self) -> bool {
+        let directions = [self.forward, self.right, self.up];
+        self.position.is_finite()
+            && directions.iter().all(|d| d.is_normalized())
+            && self.half_height > 0.0
+            && self.half_height.is_finite()
+            && self.near >= 0.0
+            && self.near.is_finite()
+    }
+
     /// The ray through the image point (x, y), for an image `aspect` times as wide as high. Its t
     /// is the depth along the axis.
     #[inline]

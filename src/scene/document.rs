@@ -138,6 +138,7 @@ fn view((name, table): (String, CameraTable)) -> Result<(String, Camera)> {
 impl Document {
     /// The files that were named: an output must be none of them.
     pub fn inputs(&self) -> Vec<&Path> {
+        // Those that the models name in turn are in `Scene::files`, once it is loaded.
         let models = self.models.iter().map(PathBuf::as_path);
         std::iter::once(self.file.as_path()).chain(models).collect()
     }

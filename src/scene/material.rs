@@ -30,6 +30,12 @@ impl Material {
         }
     }
 
+    /// Whether a reflectance of each channel lies in [0, 1) and a radiance in [0, ∞).
+    pub(crate) fn is_possible(&self) -> bool {
+        let reflects = self.reflectance.to_array().iter().all(|x| (0.0..1.0).contains(x));
+        reflects && self.radiance.is_finite() && self.radiance.cmpge(Rgb::ZERO).all()
+    }
+
     pub fn emits(&self) -> bool {
         self.radiance != Rgb::ZERO
     }

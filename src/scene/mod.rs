@@ -18,7 +18,7 @@ pub use document::Document;
 pub use material::{Material, MaterialId};
 pub use mesh::Mesh;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use topology::Topology;
 
@@ -39,6 +39,9 @@ pub struct Scene {
     pub metres_per_unit: f64,
     #[serde(skip)]
     pub warnings: Vec<Warning>,
+    /// Files that were read beside those that the document names.
+    #[serde(skip)]
+    pub files: Vec<PathBuf>,
     /// Filled by the first call of [`topology`](Self::topology).
     #[serde(skip)]
     pub known_topology: Arc<OnceLock<Topology>>,
@@ -78,6 +81,7 @@ impl Scene {
             mesh: mesh.into(),
             metres_per_unit: 1.0,
             warnings: Vec::new(),
+            files: Vec::new(),
             known_topology: Arc::default(),
         }
     }
@@ -90,7 +94,7 @@ impl Scene {
     /// small that f32 products would leave their range.
     pub fn load(description: &Document) -> Result<Scene> {
         let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
-        let (mut mesh, mut warnings) = (Mesh::default(), Vec::new());
+        let (mut mesh, mut warnings, mut files) = (Mesh::default(), Vec::new(), Vec::new());
         let replaced = description.overridden_reflectances();
         for (number, path) in (0..).zip(&description.models) {
             let model = obj::load(path, |name| replaced.contains(name))?;
@@ -100,6 +104,7 @@ impl Scene {
             materials.extend(model.materials);
             mesh.append(number, model.mesh);
             warnings.extend(model.warnings);
+            files.extend(model.libraries);
         }
         description.override_materials(&mut materials)?;
 
@@ -113,6 +118,7 @@ impl Scene {
             )));
         }
         scene.warnings = warnings;
+        scene.files = files;
         scene.check_extent(&description.file)?;
         scene.warn_of_duplicates();
         Ok(scene)
@@ -162,7 +168,7 @@ impl Scene {
     }
 
     /// A kernel multiplies three lengths, so their cubes must be normal f32 numbers.
-    fn check_extent(&self, file: &Path) -> Result<()> {
+    pub(crate) fn check_extent(&self, file: &Path) -> Result<()> {
         if self.triangles.is_empty() {
             return Err(Error::new("the scene has no triangle with an area above zero")
                 .in_file(file)

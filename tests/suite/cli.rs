@@ -635,3 +635,38 @@ fn the_light_of_a_description_is_obeyed_and_flags_come_before_it() {
     let (until, rays) = iterations(&["--tolerance", "1e-6", "--samples", "256"]);
     assert!(until != 3 && rays > few_rays, "{until} iterations, {rays} rays");
 }
+
+#[test]
+fn nothing_that_was_read_is_written_and_only_files_are_read() {
+    let room = room_with_views();
+    let mtl = fs::read(room.path("room.mtl")).unwrap();
+    let path = |name: &str| room.path(name).to_str().unwrap().to_string();
+    for command in [
+        room.solve("room.toml", "room.light", &["--stats", &path("room.mtl")]),
+        room.render("room.toml", &["--stats", &path("room.mtl")]),
+    ] {
+        let mut command = command;
+        let said = command.assert().code(2).get_output().stderr.clone();
+        assert!(String::from_utf8(said).unwrap().contains("would overwrite"));
+    }
+    assert!(mtl == fs::read(room.path("room.mtl")).unwrap());
+    // A folder in the place of light.
+    fs::create_dir(room.path("folder.light")).unwrap();
+    room.show("folder.light", "no.png", &[]).assert().code(2);
+    // A misspelt view is refused before anything is solved, and none beside a camera of flags.
+    let said = room.render("room.toml", &["--view", "lfet"]).assert().code(2);
+    let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("room.toml") && said.contains("again, left"), "{said}");
+    room.render("room.toml", &["--view", "left", "--look-at", "1,2,3"]).assert().code(2);
+    room.render("room.toml", &["--view", "left", "--fov", "40"]).assert().code(2);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_device_in_the_place_of_light_is_refused_at_once() {
+    let room = Room::new();
+    std::os::unix::fs::symlink("/dev/zero", room.path("zero.light")).unwrap();
+    let said = room.show("zero.light", "no.png", &[]).assert().code(2);
+    let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("not a regular file"), "{said}");
+}

@@ -8,7 +8,7 @@ mod mtl_files;
 mod mtl_materials;
 mod mtl_reader;
 mod reader;
-pub(super) mod text;
+pub(crate) mod text;
 mod triangulate;
 
 use super::material::{Material, MaterialId};
@@ -19,7 +19,7 @@ use mtl_files::read_library;
 use mtl_materials::{Role, materials};
 use mtl_reader::Library;
 use reader::{ObjFile, read_obj};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use text::{decode, read_bytes};
 use triangulate::Triangulator;
 
@@ -36,6 +36,8 @@ pub(crate) struct Model {
     pub materials: Vec<Material>,
     /// The faces that the triangles come from.
     pub mesh: Mesh,
+    /// The MTL files that were read.
+    pub libraries: Vec<PathBuf>,
     pub warnings: Vec<Warning>,
 }
 
@@ -63,7 +65,7 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     }
     let (triangles, mesh) = cut(obj);
     let material_of = mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
-    Ok(Model { triangles, material_of, materials, mesh, warnings })
+    Ok(Model { triangles, material_of, materials, mesh, libraries: library.files, warnings })
 }
 
 fn text_of(path: &Path) -> Result<String> {

@@ -25,6 +25,7 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Result<Library> {
             }
             match read_bytes(&file) {
                 Ok(bytes) => {
+                    library.files.push(file.clone());
                     library.add(&file, &decode(bytes, &file, "MTL")?, &mut obj.warnings)?;
                 }
                 Err(error) => obj.warnings.push(unreadable(path, asked, &file, &error)),

@@ -14,6 +14,8 @@ use crate::error::{Error, Result, Warning};
 #[derive(Debug, Default)]
 pub(super) struct Library {
     pub entries: Vec<Entry>,
+    /// The MTL files that were read.
+    pub files: Vec<PathBuf>,
     /// Index into `entries`.
     by_name: HashMap<String, usize>,
 }

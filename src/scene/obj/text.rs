@@ -16,7 +16,7 @@ const HEAD: usize = 4096;
 
 /// The bytes of a regular file. Directories are refused, and pipes and devices too, since reading
 /// one of those may never end.
-pub(in crate::scene) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+pub(crate) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?;
     if kind.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory"));
@@ -95,7 +95,7 @@ pub(super) fn number(word: &str) -> Result<f32> {
 }
 
 /// A word of the file for a message: in backticks, without control characters, not too long.
-pub(super) fn quote(word: &str) -> String {
+pub(crate) fn quote(word: &str) -> String {
     const LONGEST: usize = 60;
     let shown: String = word.escape_debug().take(LONGEST).collect();
     let ellipsis = if word.chars().nth(LONGEST).is_some() { "…" } else { "" };
