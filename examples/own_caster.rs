@@ -33,7 +33,7 @@ fn main() -> isolux::Result<()> {
     let settings = Settings { patches, ..Settings::default() };
     let light = Solution::solve(&document, &scene, &counting, &settings, &())?;
     println!("the light took {} rays", counting.rays.load(Ordering::Relaxed));
-    let picture = light.flat().draw(&counting, &light.camera, &Frame::new(256, 256), &());
+    let picture = light.flat().draw(&counting, &light.camera, &Frame::new(256, 256), &())?;
     println!("with the picture {} rays", counting.rays.load(Ordering::Relaxed));
     picture.save("counted.png", light.exposure(&picture))
 }

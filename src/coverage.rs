@@ -8,6 +8,7 @@
 
 use crate::geometry::{Ray, RayCaster};
 use crate::patches::{PatchId, PatchMesh};
+use crate::progress::{Progress, Stage};
 use crate::sampling::{orthonormal_basis, regular_triangle};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -18,17 +19,30 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const POINTS: u32 = 4;
 
 /// The uncovered share of each patch's area, in [0, 1], and the number of rays that it took.
-pub(crate) fn uncovered(caster: &impl RayCaster, mesh: &PatchMesh) -> (Vec<f64>, u64) {
+pub(crate) fn uncovered(
+    caster: &impl RayCaster,
+    mesh: &PatchMesh,
+    progress: &dyn Progress,
+) -> (Vec<f64>, u64) {
+    progress.begin(Stage::Coverage, Some(mesh.len() as u64));
     let rays = AtomicU64::new(0);
     let shares = (0..mesh.len())
         .into_par_iter()
         .with_min_len(64)
         .map(|i| {
+            if i % 64 == 0 {
+                progress.advance(64);
+            }
+            // The caller throws away what is left undone.
+            if progress.is_stopped() {
+                return 1.0;
+            }
             let (share, traced) = uncovered_share(caster, mesh, PatchId(i as u32));
             rays.fetch_add(traced, Ordering::Relaxed);
             share
         })
         .collect();
+    progress.end();
     (shares, rays.into_inner())
 }
 
@@ -102,7 +116,7 @@ mod tests {
         let scene = floor_with_tent();
         let caster = BruteForce::<MollerTrumbore>::new(&scene.triangles);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
-        let (shares, rays) = uncovered(&caster, &mesh);
+        let (shares, rays) = uncovered(&caster, &mesh, &());
         // A quarter of the floor is under the tent: 4 of 16 points.
         assert_eq!(shares, [0.75, 1.0, 1.0, 1.0]);
         assert_eq!(rays, 60 + 4 * 65, "covered points ask all probes, the others one");
@@ -117,6 +131,6 @@ mod tests {
             Scene::new(vec![floor, roof], vec![MaterialId(0); 2], vec![Material::fallback()]);
         let caster = BruteForce::<MollerTrumbore>::new(&scene.triangles);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(3)).unwrap();
-        assert!(uncovered(&caster, &mesh).0.iter().all(|&share| share == 1.0));
+        assert!(uncovered(&caster, &mesh, &()).0.iter().all(|&share| share == 1.0));
     }
 }

@@ -4,7 +4,7 @@
 //! A program that draws a picture:
 //!
 //! ```no_run
-//! use isolux::{Document, Frame, Settings, Solution, Tracer};
+//! use isolux::{Document, Frame, Settings, Solution, Tracer, View};
 //!
 //! fn main() -> isolux::Result<()> {
 //!     let document = Document::open("scenes/cornell-box.toml")?;
@@ -13,7 +13,7 @@
 //!     let light = Solution::solve(&document, &scene, &tracer, &Settings::default(), &())?;
 //!     light.save("cornell.light")?;
 //!     let frame = Frame::new(512, 512);
-//!     let picture = light.smooth(30.0).draw(&tracer, &light.camera, &frame, &());
+//!     let picture = light.smooth(View::CREASE).draw(&tracer, &light.camera, &frame, &())?;
 //!     picture.save("cornell.png", light.exposure(&picture))
 //! }
 //! ```

@@ -66,7 +66,10 @@ impl<'d> Plan<'d> {
         let light = radiosity::solve(caster, &self.mesh, &self.choices, progress)
             .map_err(|error| error.in_file_if_none(&self.document.file))?;
         let start = Instant::now();
-        let (uncovered, cover_rays) = coverage::uncovered(caster, &self.mesh);
+        let (uncovered, cover_rays) = coverage::uncovered(caster, &self.mesh, progress);
+        if progress.is_stopped() {
+            return Err(Error::stopped());
+        }
         let camera = self.document.view(&self.mesh.scene, caster);
         let spent = Spent {
             rays: light.rays + cover_rays,
@@ -74,7 +77,8 @@ impl<'d> Plan<'d> {
             solve: light.solve_time,
             coverage: start.elapsed(),
         };
-        let solution = Solution::new(self.document, &self.mesh, (light, uncovered), camera);
+        let solution =
+            Solution::new(self.document, &self.mesh, &self.choices, (light, uncovered), camera);
         Ok((solution, spent))
     }
 }

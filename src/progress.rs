@@ -9,6 +9,8 @@ pub enum Stage {
     Solve,
     /// Shots of light, with rows on demand.
     Shots,
+    /// The search for patches that others cover.
+    Coverage,
     Render,
     Verify,
     Bench,

@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Everything that decides a solution, beside the patches.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Choices {
     pub method: Method,
     /// Samples per pair, or rays per patch.
@@ -31,7 +31,8 @@ pub struct Choices {
     pub solver: Solver,
     pub stop: Stop,
     pub seed: u64,
-    /// The most bytes a matrix may take.
+    /// The most bytes a matrix may take. It does not change the light, and is not kept with it.
+    #[serde(skip)]
     pub memory_limit: Option<u64>,
 }
 

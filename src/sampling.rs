@@ -8,7 +8,17 @@ use std::f32::consts::TAU;
 use std::sync::LazyLock;
 
 /// How the points of one estimate are placed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Default,
+    clap::ValueEnum,
+    serde::Serialize,
+    serde::Deserialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum PointSet {
     /// Owen-scrambled Sobol points: their error falls faster than N^(−1/2) on smooth integrands.

@@ -7,10 +7,10 @@ use crate::error::{Error, Result};
 use crate::geometry::triangle::MAX_LEVEL;
 use crate::sampling::PointSet;
 use clap::ValueEnum;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// How form factors are estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Samples of each pair of patches: reciprocal by construction, n² work.
@@ -20,7 +20,7 @@ pub enum Method {
 }
 
 /// How the radiosity equation is solved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
     /// Every patch from the last iterate.

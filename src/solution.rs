@@ -14,7 +14,7 @@ use crate::color::Rgb64;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
 use crate::patches::PatchMesh;
-use crate::radiosity::{Energy, Radiosity};
+use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::document::{ImageDefaults, is_view_name};
 use crate::scene::obj::text::read_bytes;
@@ -35,6 +35,8 @@ pub struct Solution {
     /// The uncovered share of the area, in [0, 1], per patch; see `coverage`.
     pub uncovered: Vec<f64>,
     pub figures: Figures,
+    /// How the light was solved.
+    pub choices: Choices,
     /// The view that is drawn unless another is asked for.
     pub camera: Camera,
     /// The document's further views by name.
@@ -62,7 +64,7 @@ pub struct Figures {
 }
 
 const MAGIC: &[u8] = b"isolux light\n";
-const VERSION: u32 = 2;
+const VERSION: u32 = 1;
 const HEADER: usize = MAGIC.len() + 8;
 
 impl Solution {
@@ -73,6 +75,7 @@ impl Solution {
     pub fn new(
         document: &Document,
         mesh: &PatchMesh,
+        choices: &Choices,
         (light, uncovered): (Radiosity, Vec<f64>),
         camera: Camera,
     ) -> Solution {
@@ -92,10 +95,21 @@ impl Solution {
                 energy: light.energy,
                 rays: light.rays,
             },
+            choices: *choices,
             camera,
             views: document.views.clone(),
             image: document.image.clone(),
         }
+    }
+
+    /// Two numbers to tell solutions apart: one of the scene and its patches, one of the choices of
+    /// method. Equal scenes have equal numbers on every machine; others have them once in 2³² cases.
+    pub fn fingerprints(&self) -> [u32; 2] {
+        let of = |bytes: postcard::Result<Vec<u8>>| {
+            crc32fast::hash(&bytes.expect("numbers, strings and lists"))
+        };
+        let scene = postcard::to_stdvec(&(&self.scene, &self.levels));
+        [of(scene), of(postcard::to_stdvec(&self.choices))]
     }
 
     /// The view of this name.
@@ -234,6 +248,7 @@ mod tests {
     use crate::geometry::Triangle;
     use crate::patches::Subdivision;
     use crate::scene::{Material, MaterialId};
+    use crate::settings::Settings;
     use glam::Vec3;
     use std::time::Duration;
 
@@ -262,7 +277,11 @@ mod tests {
         let camera = Camera::new(Vec3::Z, Vec3::ZERO, Vec3::Y, 40.0, 0.0).expect("a camera");
         let light = (light, vec![1.0; 16]);
         let document = Document::open("one.obj").expect("a name is enough");
-        Solution::new(&document, &mesh, light, camera)
+        let choices = Choices::new(&Settings::default(), &mesh).expect("the defaults");
+        Solution {
+            choices: Choices { memory_limit: None, ..choices },
+            ..Solution::new(&document, &mesh, &choices, light, camera)
+        }
     }
 
     #[test]
@@ -272,6 +291,8 @@ mod tests {
         assert_eq!(back.to_bytes(), solution.to_bytes());
         assert_eq!(back.irradiance, solution.irradiance);
         assert_eq!(back.figures, solution.figures);
+        assert_eq!(back.choices, solution.choices);
+        assert_eq!(back.fingerprints(), solution.fingerprints());
         assert_eq!(back.patches().len(), 16);
     }
 

@@ -1,5 +1,6 @@
 //! Light, ready to be drawn from anywhere.
 
+use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
 use crate::patches::PatchMesh;
 use crate::progress::Progress;
@@ -16,28 +17,39 @@ pub struct View {
 }
 
 impl View {
+    /// The usual crease angle in degrees.
+    pub const CREASE: f32 = 30.0;
+
     /// The picture that a camera sees.
+    ///
+    /// # Errors
+    /// `progress` asked to stop.
     pub fn draw(
         &self,
         caster: &impl RayCaster,
         camera: &Camera,
         frame: &Frame,
         progress: &dyn Progress,
-    ) -> Image {
-        render(caster, &self.mesh, camera, frame, &[&*self.shading], progress).remove(0)
+    ) -> Result<Image> {
+        View::draw_all(std::slice::from_ref(self), caster, camera, frame, progress)
+            .map(|mut images| images.remove(0))
     }
 
     /// The pictures of several views of one solution, all from the same rays.
+    ///
+    /// # Errors
+    /// `progress` asked to stop.
     pub fn draw_all(
         views: &[View],
         caster: &impl RayCaster,
         camera: &Camera,
         frame: &Frame,
         progress: &dyn Progress,
-    ) -> Vec<Image> {
-        let Some(first) = views.first() else { return Vec::new() };
+    ) -> Result<Vec<Image>> {
+        let Some(first) = views.first() else { return Ok(Vec::new()) };
         let shadings: Vec<&dyn Shading> = views.iter().map(|view| &*view.shading).collect();
-        render(caster, &first.mesh, camera, frame, &shadings, progress)
+        let images = render(caster, &first.mesh, camera, frame, &shadings, progress);
+        if progress.is_stopped() { Err(Error::stopped()) } else { Ok(images) }
     }
 }
 

@@ -4,7 +4,8 @@ use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
 use crate::scene::Camera;
 use crate::scene::document::is_view_name;
-use crate::settings::{LightSettings, PatchSettings, Settings};
+use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings, Settings};
+use crate::view::View;
 use clap::ValueEnum;
 use glam::Vec3;
 use std::path::PathBuf;
@@ -25,7 +26,7 @@ pub(super) struct RenderArguments {
     pub size: Option<[u32; 2]>,
 
     /// Samples per pixel [default: the scene's, else 16]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20),
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SAMPLES as i64),
           help_heading = "Picture")]
     pub spp: Option<u32>,
 
@@ -34,7 +35,7 @@ pub(super) struct RenderArguments {
     pub shading: Vec<ShadingName>,
 
     /// Angle in degrees up to which smooth shading carries light over an edge
-    #[arg(long, value_name = "DEGREES", default_value_t = 30.0, value_parser = parse_crease,
+    #[arg(long, value_name = "DEGREES", default_value_t = View::CREASE, value_parser = parse_crease,
           help_heading = "Picture")]
     pub crease: f32,
 
@@ -111,7 +112,8 @@ pub(super) struct LightArguments {
 }
 
 impl LightArguments {
-    pub(super) fn settings(&self, seed: u64) -> Settings {
+    pub(super) fn settings(&self, seed: Option<u64>) -> Settings {
+        let seed = seed.unwrap_or(Settings::SEED);
         Settings { patches: self.patches.clone(), light: self.light.clone(), seed }
     }
 }
@@ -123,9 +125,9 @@ pub(super) struct RunArguments {
     #[arg(long, default_value = "moller-trumbore", help_heading = "Run")]
     pub kernel: KernelKind,
 
-    /// Seed of all random numbers
-    #[arg(long, value_name = "N", default_value_t = Settings::SEED, help_heading = "Run")]
-    pub seed: u64,
+    /// Seed of all random numbers [default: 1; of a .light file, that of its solution]
+    #[arg(long, value_name = "N", help_heading = "Run")]
+    pub seed: Option<u64>,
 
     /// Threads [default: all cores]; the result does not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024),

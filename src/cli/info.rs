@@ -1,31 +1,72 @@
 //! `isolux info`: what is in a scene.
 
+use super::render::is_light;
 use super::{say, warn};
 use crate::error::Result;
+use crate::radiosity::{Choices, Method};
 use crate::scene::inspect::Inspection;
 use crate::scene::{Document, Scene};
+use crate::solution::Solution;
+use clap::ValueEnum;
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Count what is in a scene: triangles, materials, emitters, and what is wrong with the mesh.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// A scene description (.toml) or a model (.obj)
+    /// A scene description (.toml), a model (.obj), or solved light (.light)
     scene: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let description = Document::open(&arguments.scene)?;
-    let scene = Scene::load(&description)?;
+    if is_light(&arguments.scene) {
+        let solution = Solution::load(&arguments.scene)?;
+        say(&(describe(&solution.title, &solution.scene) + &describe_light(&solution)));
+        return Ok(());
+    }
+    let document = Document::open(&arguments.scene)?;
+    let scene = document.scene()?;
     warn(&scene.warnings);
-    say(&describe(&description.title, &scene));
+    say(&describe(&document.title, &scene));
     Ok(())
+}
+
+fn describe_light(solution: &Solution) -> String {
+    let Choices { method, samples, points, direct_samples, solver, seed, .. } = solution.choices;
+    let views: Vec<&str> = solution.views.keys().map(String::as_str).collect();
+    let per = match method {
+        Method::Pairs => "samples per pair",
+        Method::Hemisphere => "rays per patch",
+    };
+    let [scene, choices] = solution.fingerprints();
+    let residual = match solution.figures.residuals.last() {
+        Some(residual) => format!("residual {residual:.1e}"),
+        None => "not iterated".into(),
+    };
+    format!(
+        "\n\x20 light       {} patches, {samples} {per} ({}), {direct_samples} points of lamps\n\
+         \x20 solved by   {}, seed {seed}, {residual} after {} iterations\n\
+         \x20 views       {}\n\
+         \x20 fingerprint {scene:08x} of the scene, {choices:08x} of the choices\n",
+        solution.irradiance.len(),
+        name(&points),
+        name(&solver),
+        solution.figures.iterations,
+        if views.is_empty() { "none by name".into() } else { views.join(", ") },
+    )
+}
+
+/// As the command line and descriptions spell it.
+fn name(value: &impl ValueEnum) -> String {
+    value.to_possible_value().expect("no name is hidden").get_name().to_string()
 }
 
 fn describe(title: &str, scene: &Scene) -> String {
     let facts = Inspection::of(scene);
     let bounds = facts.bounds;
     let closed = if facts.open_edges == 0 { " (closed)" } else { "" };
+    // A title is a file's text, and must not speak to the terminal.
+    let title = title.escape_debug();
     let mut text = format!(
         "{title}\n\
          \x20 triangles   {} ({} degenerate left out, {} duplicates)\n\

@@ -45,6 +45,7 @@ fn name(stage: Stage) -> &'static str {
         Stage::FormFactors => "form factors",
         Stage::Solve => "solve",
         Stage::Shots => "shots",
+        Stage::Coverage => "coverage",
         Stage::Render => "render",
         Stage::Verify => "verify",
         Stage::Bench => "bench",

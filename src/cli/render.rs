@@ -11,8 +11,9 @@ use crate::export::picture::Format;
 use crate::memory;
 use crate::plan::Plan;
 use crate::render::{Frame, Image};
-use crate::scene::document::ImageDefaults;
+use crate::scene::document::{ImageDefaults, MAX_SIZE};
 use crate::scene::{Camera, Document, Scene};
+use crate::settings::Settings;
 use crate::solution::{Solution, view_of};
 use crate::view::View;
 use clap::ValueEnum;
@@ -34,7 +35,7 @@ fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
 }
 
 /// Whether a file's name says that it holds solved light.
-fn is_light(path: &Path) -> bool {
+pub(super) fn is_light(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("light"))
 }
 
@@ -57,7 +58,7 @@ impl Run<'_> {
         }
         check_overwriting(arguments, &self.pictures, &[&arguments.scene])?;
         let solution = Solution::load(&arguments.scene)?;
-        let frame = self.frame(&solution.image)?;
+        let frame = self.frame(&solution.image, solution.choices.seed)?;
         let load = self.start.elapsed();
         let tracer = self.tracer(&solution.scene, frame.rays());
         let mut seconds = Seconds { load: load.as_secs_f64(), ..Seconds::default() };
@@ -77,7 +78,7 @@ impl Run<'_> {
         let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
         check_overwriting(arguments, &self.pictures, &files)?;
         warn(&scene.warnings);
-        let frame = self.frame(&document.image)?;
+        let frame = self.frame(&document.image, Settings::SEED)?;
         let load = self.start.elapsed();
         let settings = arguments.light.settings(arguments.run.seed);
         let plan = Plan::new(&document, &scene, &settings)?;
@@ -88,9 +89,10 @@ impl Run<'_> {
         self.show(&tracer, &frame, &solution, spent.rays, seconds)
     }
 
-    fn frame(&self, image: &ImageDefaults) -> Result<Frame> {
+    /// `seed` counts unless another is given.
+    fn frame(&self, image: &ImageDefaults, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, .. } = self.arguments;
-        frame(*size, *spp, run.seed, image, self.pictures.len())
+        frame(*size, *spp, run.seed.unwrap_or(seed), image, self.pictures.len())
             .map_err(|error| error.in_file_if_none(&self.arguments.scene))
     }
 
@@ -212,7 +214,7 @@ pub(super) fn frame(
     images: usize,
 ) -> Result<Frame> {
     let [width, height] = size.or(image.size).unwrap_or([640, 480]);
-    if width == 0 || height == 0 || width > 1 << 16 || height > 1 << 16 {
+    if width == 0 || height == 0 || width > MAX_SIZE || height > MAX_SIZE {
         return Err(Error::new(format!("a picture of {width}x{height} pixels"))
             .remedy("give a width and a height from 1 to 65536"));
     }
@@ -252,8 +254,11 @@ fn draw(
         ShadingName::Smooth => solution.smooth(arguments.crease),
     });
     let (looks, bars) = (looks.collect::<Vec<_>>(), Bars::new());
-    let draw = |camera| View::draw_all(&looks, caster, camera, frame, &bars);
-    Ok(cameras.into_iter().flat_map(draw).collect())
+    let mut images = Vec::new();
+    for camera in cameras {
+        images.extend(View::draw_all(&looks, caster, camera, frame, &bars)?);
+    }
+    Ok(images)
 }
 
 fn encode(pictures: &[Picture], images: &[Image], exposure: f32) -> Result<Vec<Output>> {

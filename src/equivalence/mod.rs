@@ -124,7 +124,7 @@ impl Pipeline<'_> {
     pub fn compare(&self, pair: &Pair, progress: &dyn Progress) -> Result<Comparison> {
         let native = radiosity::solve(&pair.native, self.mesh, &self.settings, progress)?;
         let peer = radiosity::solve(&pair.peer, self.mesh, &self.settings, progress)?;
-        let (shares, _) = uncovered(&pair.native, self.mesh);
+        let (shares, _) = uncovered(&pair.native, self.mesh, progress);
         let vertices = VertexIrradiance::new(self.mesh, &native.irradiance, &shares, self.crease);
         let flat_shading = Flat::new(self.mesh, &native.irradiance, &shares);
         let smooth_shading = Smooth::new(self.mesh, vertices);

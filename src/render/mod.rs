@@ -64,6 +64,10 @@ pub fn render(
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
         Work::default,
         |work, (y, row)| {
+            // The caller throws away what is left undone.
+            if progress.is_stopped() {
+                return;
+            }
             for (x, pixel) in row.chunks_mut(shadings.len()).enumerate() {
                 work.draw(caster, mesh, camera, frame, (x, y), shadings, pixel);
             }

@@ -5,15 +5,14 @@ use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
-use crate::settings::{LightSettings, PatchSettings};
+use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// The most pixels along a side of a picture, and samples of anything.
+/// The most pixels along a side of a picture.
 pub const MAX_SIZE: u32 = 1 << 16;
-pub const MAX_SAMPLES: u32 = 1 << 20;
 
 /// The content of a description file. A bare model is a description that says only its name.
 #[derive(Debug, Clone)]

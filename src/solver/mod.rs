@@ -13,6 +13,7 @@ use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{Rows, Transport, row_sums};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
+use serde::{Deserialize, Serialize};
 
 /// The known parts of the equation, one entry per patch.
 pub struct Problem {
@@ -34,7 +35,7 @@ pub enum MatrixMethod {
 }
 
 /// When to stop.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Stop {
     /// At this relative residual: Σ A|S − (I − ρF)B| / Σ A·S, the worst channel.
     Tolerance(f64),

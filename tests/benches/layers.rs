@@ -7,7 +7,7 @@ use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::render::smooth::VertexIrradiance;
 use isolux::sampling::{PointSet, Purpose, Stream};
 use isolux::settings::PatchSettings;
-use isolux::{Document, Frame, Scene, Settings, Solution, Tracer};
+use isolux::{Document, Frame, Scene, Settings, Solution, Tracer, View};
 
 fn main() {
     divan::main();
@@ -88,13 +88,13 @@ fn carry_irradiance_to_vertices(bencher: Bencher) {
     let solution = solution();
     let mesh = solution.patches();
     let (irradiance, uncovered) = (&solution.irradiance, &solution.uncovered);
-    bencher.bench(|| VertexIrradiance::new(&mesh, irradiance, uncovered, 30.0));
+    bencher.bench(|| VertexIrradiance::new(&mesh, irradiance, uncovered, View::CREASE));
 }
 
 #[divan::bench(sample_count = 10)]
 fn draw_256_by_256_pixels_of_16_samples(bencher: Bencher) {
     let solution = solution();
-    let (view, tracer) = (solution.smooth(30.0), Tracer::build(&solution.scene));
+    let (view, tracer) = (solution.smooth(View::CREASE), Tracer::build(&solution.scene));
     bencher.bench(|| view.draw(&tracer, &solution.camera, &Frame::new(256, 256), &()));
 }
 

@@ -513,11 +513,11 @@ impl Room {
 #[test]
 fn solved_light_gives_the_bytes_of_the_whole_run() {
     let room = Room::new();
-    room.render("room.toml", &["--shading", "flat,smooth"]).assert().success();
+    room.render("room.toml", &["--shading", "flat,smooth", "--seed", "7"]).assert().success();
     let expected =
         ["out-flat.png", "out-smooth.png"].map(|name| fs::read(room.path(name)).unwrap());
-    room.solve("room.toml", "room.light", &[]).assert().success();
-    // The light holds the scene: nothing else is read.
+    room.solve("room.toml", "room.light", &["--seed", "7"]).assert().success();
+    // The light holds the scene and the seed: nothing else is read.
     for name in ["room.toml", "room.obj", "room.mtl"] {
         fs::remove_file(room.path(name)).unwrap();
     }
@@ -669,4 +669,30 @@ fn a_device_in_the_place_of_light_is_refused_at_once() {
     let said = room.show("zero.light", "no.png", &[]).assert().code(2);
     let said = String::from_utf8(said.get_output().stderr.clone()).unwrap();
     assert!(said.contains("not a regular file"), "{said}");
+}
+
+#[test]
+fn info_says_what_a_light_file_holds() {
+    let room = room_with_views();
+    let info = |name: &str| {
+        let said = isolux().arg("info").arg(room.path(name)).assert().success();
+        String::from_utf8(said.get_output().stdout.clone()).unwrap()
+    };
+    room.solve("room.toml", "a.light", &[]).assert().success();
+    let said = info("a.light");
+    for part in ["64 patches", "64 rays per patch (sobol)", "jacobi, seed 1", "again, left"] {
+        assert!(said.contains(part), "{part} is not in: {said}");
+    }
+    // The fingerprints tell another seed from another scene.
+    let fingerprint = |said: &str| -> Vec<String> {
+        let line = said.lines().find(|line| line.contains("fingerprint")).expect("a line");
+        line.split_whitespace().filter(|word| word.len() == 8).map(String::from).collect()
+    };
+    let first = fingerprint(&said);
+    room.solve("room.toml", "b.light", &["--seed", "2"]).assert().success();
+    let second = fingerprint(&info("b.light"));
+    assert!(first[0] == second[0] && first[1] != second[1], "{first:?} {second:?}");
+    room.solve("room.toml", "c.light", &["--levels", "3"]).assert().success();
+    let third = fingerprint(&info("c.light"));
+    assert!(first[0] != third[0] && first[1] == third[1], "{first:?} {third:?}");
 }

@@ -14,7 +14,9 @@ use isolux::progress::{Progress, Stage};
 use isolux::radiosity::{Choices, Energy, Method, Radiosity, Solver, solve};
 use isolux::sampling::{PointSet, regular_triangle};
 use isolux::scene::Scene;
+use isolux::settings::PatchSettings;
 use isolux::solver::Stop;
+use isolux::{Document, Frame, Solution, Tracer};
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -392,9 +394,30 @@ fn a_solution_that_is_asked_to_stop_ends_with_an_error_of_that_kind_wherever_it_
                 Err(error) => assert_eq!(error.kind(), ErrorKind::Stopped, "{error}"),
             }
         }
-        let stop = StopAfter(AtomicU64::new(0));
-        assert!(solve(&world.bvh, &world.mesh, &settings, &stop).is_err());
+        let stopped = |amount| {
+            let stop = StopAfter(AtomicU64::new(amount));
+            solve(&world.bvh, &world.mesh, &settings, &stop).is_err()
+        };
+        assert!(stopped(0) && stopped(1), "{method:?}, {solver:?}");
+        assert!(!stopped(u64::MAX), "{method:?}, {solver:?}");
     }
+}
+
+#[test]
+fn drawing_can_be_stopped() {
+    let document = Document::open("scenes/furnace.toml").expect("a description");
+    let scene = document.scene().expect("triangles");
+    let tracer = Tracer::build(&scene);
+    let patches = PatchSettings { levels: Some(1), max_edge: None };
+    let settings = isolux::Settings { patches, ..isolux::Settings::default() };
+    let light = Solution::solve(&document, &scene, &tracer, &settings, &()).expect("light");
+    let (view, frame) = (light.flat(), Frame::new(8, 8));
+    let draw = |progress: &dyn Progress| view.draw(&tracer, &light.camera, &frame, progress);
+    for rows in [0, 1, 7] {
+        let error = draw(&StopAfter(AtomicU64::new(rows))).expect_err("stopped");
+        assert_eq!(error.kind(), ErrorKind::Stopped);
+    }
+    assert_eq!(draw(&()).expect("a picture").pixels.len(), 64);
 }
 
 #[test]

@@ -14,6 +14,7 @@ use crate::scene::{Camera, Document, Scene};
 use crate::settings::{PatchSettings, Settings};
 use crate::verify::survey::Peer;
 use crate::verify::{Arithmetic, Judge};
+use crate::view::View;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
@@ -22,7 +23,6 @@ use std::path::Path;
 /// More than a usual picture takes is not done here.
 const MOST_PATCHES: usize = Subdivision::DEFAULT_COUNT;
 const MOST_SAMPLES: u32 = Frame::SAMPLES;
-const CREASE_DEGREES: f32 = 30.0;
 
 /// The result, for programs.
 #[derive(Serialize)]
@@ -50,7 +50,7 @@ pub(super) fn run(
     let frame = render::frame(None, Some(samples), seed, &description.image, 3)
         .map_err(|error| error.in_file_if_none(&description.file))?;
     let settings = Choices::new(&Settings { seed, ..Settings::default() }, &mesh)?;
-    let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: CREASE_DEGREES };
+    let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: View::CREASE };
     let comparison = pipeline
         .compare(&pair, &Bars::new())
         .map_err(|error| error.in_file_if_none(&description.file))?;
