@@ -32,7 +32,7 @@
 //! | --- | --- | --- |
 //! | 0 | [`error`] | errors that the user can fix: file, line, cause, remedy |
 //! | 1 | [`settings`] | what a user can ask for: flags, `[patches]` and `[light]`, programs |
-//! | 1 | [`progress`] | how far a computation is, and whether it shall stop |
+//! | 1 | [`progress`] | the progress of a computation, and a way to stop it |
 //! | 1 | [`color`], [`sampling`], `memory` | linear RGB; seeded points and their maps; memory free and used |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
 //! | 3 | [`scene`] | OBJ and MTL, the TOML description, materials, camera, topology |

@@ -21,7 +21,7 @@ pub struct Plan<'d> {
 /// The rays and the time that a solution took.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Spent {
-    /// Those of the light and of the search for covered patches.
+    /// Rays for the light and for the search for covered patches.
     pub rays: u64,
     /// Estimating form factors and direct light.
     pub transport: Duration,

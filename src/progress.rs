@@ -1,4 +1,4 @@
-//! How far a long computation is, and whether it shall stop.
+//! The progress of a long computation, and a way to stop it.
 
 /// A step of a run that can take long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub enum Stage {
     Bench,
 }
 
-/// Hears how far a computation is, from any thread, and can ask it to stop. `()` hears nothing.
+/// Receives the progress of a computation, from any thread, and can ask it to stop. `()` ignores it.
 pub trait Progress: Sync {
     /// A stage begins. `amount`: how much there is to do, where that is known.
     fn begin(&self, stage: Stage, amount: Option<u64>);

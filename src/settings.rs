@@ -150,7 +150,7 @@ impl PatchSettings {
 
 impl LightSettings {
     /// Each of these, or the other one where this is not given. A tolerance and a number of iterations
-    /// push each other out.
+    /// replace each other.
     pub fn or(&self, other: &LightSettings) -> LightSettings {
         let own_stop = self.tolerance.is_some() || self.iterations.is_some();
         let stop = if own_stop { self } else { other };

@@ -41,7 +41,7 @@ pub struct Solution {
     pub camera: Camera,
     /// The document's further views by name.
     pub views: BTreeMap<String, Camera>,
-    /// The scene's wishes for a picture.
+    /// The document's defaults for a picture.
     pub image: ImageDefaults,
 }
 
@@ -54,7 +54,7 @@ pub struct Figures {
     pub iterations: u64,
     /// The largest |Σ_j F_ij − 1|.
     pub row_sum_defect: f64,
-    /// As a mean weighted by area.
+    /// Σ A |Σ_j F_ij − 1| / Σ A.
     pub mean_row_sum_defect: f64,
     /// See [`Radiosity::reciprocity_defect`].
     pub reciprocity_defect: Option<f64>,

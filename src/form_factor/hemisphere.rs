@@ -40,7 +40,7 @@ impl HemisphereRows {
         &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row]
     }
 
-    /// Those of them that are patches.
+    /// The hits of row i's rays that are patches, sorted.
     #[inline]
     fn patches_hit(&self, i: usize) -> &[u32] {
         let hits = self.hits_of(i);

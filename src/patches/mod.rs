@@ -238,7 +238,7 @@ impl PatchMesh {
         self.side_number_hit(ray, hit).map(|number| &self.sides[number])
     }
 
-    /// The number of that side.
+    /// The number of the side that a ray meets at a hit.
     #[inline]
     pub(crate) fn side_number_hit(&self, ray: &Ray, hit: &Hit) -> Option<usize> {
         let front = self.side_of_front[hit.triangle.index()] as usize;

@@ -108,7 +108,7 @@ struct Work<'m> {
 
 impl<'m> Work<'m> {
     /// Sets `pixel` to the mean radiance of its samples, one entry per shading.
-    #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once a pixel")]
+    #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once per pixel")]
     fn draw(
         &mut self,
         caster: &impl RayCaster,

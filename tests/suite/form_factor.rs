@@ -88,7 +88,7 @@ fn by_hemisphere(world: &World, samples: u32, points: PointSet, seed: u64) -> Me
 
 type Method = fn(&World, u32, PointSet, u64) -> Measured;
 
-/// Each method with the samples that it takes for about so many in all from piece 0 to piece 1.
+/// Each method with the samples that it takes for about this many in all from piece 0 to piece 1.
 fn methods(mesh: &PatchMesh, total: usize) -> [(&'static str, Method, u32); 2] {
     let (from, to) = (patches_of(mesh, 0).len(), patches_of(mesh, 1).len());
     let per = |count: usize| (total / count).max(16) as u32;

@@ -3,7 +3,7 @@
 //! Each line is looked at once, so that what is malformed is reported with its line. The colours of
 //! materials are read by `tobj`. Then polygons are cut into triangles and materials are judged.
 
-mod left_aside;
+mod ignored;
 mod mtl_files;
 mod mtl_materials;
 mod mtl_reader;

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::left_aside::default_stated;
+use super::ignored::default_stated;
 use super::mtl_reader::Library;
 use super::reader::{Named, ObjFile};
 use super::text::{decode, quote, read_bytes, words};

@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::left_aside::LeftAside;
+use super::ignored::LeftAside;
 use super::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
 use crate::error::{Error, Result, Warning};
 use crate::scene::mesh::Part;
@@ -85,7 +85,7 @@ struct Reader {
     part: Part,
     /// The index of `part`, once a face has needed it.
     part_number: Option<u32>,
-    left_aside: LeftAside,
+    ignored: LeftAside,
 }
 
 impl Reader {
@@ -100,7 +100,7 @@ impl Reader {
             "mtllib" => self.file.libraries.push(Named { name: rest.to_owned(), line }),
             "o" => self.name_part(|part| &mut part.object, rest),
             "g" => self.name_part(|part| &mut part.group, rest),
-            _ => self.left_aside.statement(line, keyword),
+            _ => self.ignored.statement(line, keyword),
         }
         Ok(())
     }
@@ -175,7 +175,7 @@ impl Reader {
             }
             self.material = Some(number);
         } else if self.material.is_none() {
-            self.left_aside.face_before_usemtl(line);
+            self.ignored.face_before_usemtl(line);
         }
         self.material
     }
@@ -210,7 +210,7 @@ impl Reader {
                 .remedy("export the model as triangles or polygons (`f` lines)"));
         }
         self.drop_dangling();
-        self.file.warnings = self.left_aside.warnings(path);
+        self.file.warnings = self.ignored.warnings(path);
         Ok(self.file)
     }
 

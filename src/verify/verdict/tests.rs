@@ -75,7 +75,7 @@ fn agreeing_on_what_is_wrong_is_found_by_settling() {
 }
 
 #[test]
-fn a_farther_triangle_is_wrong_and_the_nearer_one_is_the_witness() {
+fn a_farther_triangle_is_wrong_and_the_nearer_one_is_the_counterexample() {
     let scene = scene();
     let ray = down(0.5, 0.25);
     let (near, far) = (hit(&scene, &ray, 0), hit(&scene, &ray, 2));
