@@ -20,7 +20,7 @@ const POINTS: u32 = 4;
 
 /// The uncovered share of each patch's area, in [0, 1], and the number of rays that it took.
 pub(crate) fn uncovered(
-    caster: &impl RayCaster,
+    caster: &dyn RayCaster,
     mesh: &PatchMesh,
     progress: &dyn Progress,
 ) -> (Vec<f64>, u64) {
@@ -48,7 +48,7 @@ pub(crate) fn uncovered(
 
 /// The uncovered share of one patch's area, in [0, 1], and the number of rays that it took.
 pub(crate) fn uncovered_share(
-    caster: &impl RayCaster,
+    caster: &dyn RayCaster,
     mesh: &PatchMesh,
     patch: PatchId,
 ) -> (f64, u64) {

@@ -60,7 +60,7 @@ impl<'d> Plan<'d> {
     /// See [`radiosity::solve`].
     pub fn solve(
         &self,
-        caster: &impl RayCaster,
+        caster: &dyn RayCaster,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
         let light = radiosity::solve(caster, &self.mesh, &self.choices, progress)
@@ -91,7 +91,7 @@ impl Solution {
     pub fn solve(
         document: &Document,
         scene: &Scene,
-        caster: &impl RayCaster,
+        caster: &dyn RayCaster,
         settings: &Settings,
         progress: &dyn Progress,
     ) -> Result<Solution> {

@@ -145,7 +145,7 @@ fn has_small_emitters(mesh: &PatchMesh) -> bool {
 /// # Errors
 /// No emitter, a matrix that does not fit, light that does not converge; or `progress` asked to stop.
 pub fn solve(
-    caster: &impl RayCaster,
+    caster: &dyn RayCaster,
     mesh: &PatchMesh,
     settings: &Choices,
     progress: &dyn Progress,
@@ -243,7 +243,7 @@ fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {
     memory::check(&what, bytes, settings.memory_limit, remedy)
 }
 
-fn matrix<C: RayCaster>(of: &Estimator<C>, settings: &Choices) -> Box<dyn Transport> {
+fn matrix(of: &Estimator, settings: &Choices) -> Box<dyn Transport> {
     match settings.method {
         Method::Pairs => Box::new(of.exchange_matrix()),
         Method::Hemisphere => Box::new(of.hemisphere_rows()),
@@ -272,8 +272,8 @@ impl<R: Rows> Rows for Timed<'_, R> {
     }
 }
 
-fn shoot<C: RayCaster>(
-    of: &Estimator<C>,
+fn shoot(
+    of: &Estimator,
     problem: &Problem,
     settings: &Choices,
     clock: &Clock,
@@ -288,7 +288,7 @@ fn shoot<C: RayCaster>(
     }
 }
 
-fn row<C: RayCaster>(of: &Estimator<C>, method: Method, i: PatchId) -> Row {
+fn row(of: &Estimator, method: Method, i: PatchId) -> Row {
     match method {
         Method::Pairs => OnDemand::pairs(of).row(i),
         Method::Hemisphere => OnDemand::hemisphere(of).row(i),

@@ -26,7 +26,7 @@ impl View {
     /// `progress` asked to stop.
     pub fn draw(
         &self,
-        caster: &impl RayCaster,
+        caster: &dyn RayCaster,
         camera: &Camera,
         frame: &Frame,
         progress: &dyn Progress,
@@ -41,7 +41,7 @@ impl View {
     /// `progress` asked to stop.
     pub fn draw_all(
         views: &[View],
-        caster: &impl RayCaster,
+        caster: &dyn RayCaster,
         camera: &Camera,
         frame: &Frame,
         progress: &dyn Progress,

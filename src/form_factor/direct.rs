@@ -14,7 +14,7 @@
 use super::Estimator;
 use super::pairs::{Facet, PairPoint, sample};
 use crate::color::{Rgb64, luminance};
-use crate::geometry::{Ray, RayCaster, Triangle};
+use crate::geometry::{Ray, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
 use crate::progress::Stage;
 use crate::sampling::{PointSet, Purpose, Stream};
@@ -90,7 +90,7 @@ fn whole(mesh: &PatchMesh, side: &Side) -> Triangle {
     shape
 }
 
-impl<C: RayCaster> Estimator<'_, C> {
+impl Estimator<'_> {
     /// D_i = Σ_j F_ij E_j in W·m⁻² for every patch, from `samples` points each.
     pub fn direct_light(&self, emitters: &Emitters) -> Vec<Rgb64> {
         self.progress.begin(Stage::DirectLight, Some(self.mesh.len() as u64));
@@ -125,12 +125,7 @@ struct DirectWork {
 }
 
 impl DirectWork {
-    fn direct<C: RayCaster>(
-        &mut self,
-        of: &Estimator<C>,
-        emitters: &Emitters,
-        i: PatchId,
-    ) -> Rgb64 {
+    fn direct(&mut self, of: &Estimator, emitters: &Emitters, i: PatchId) -> Rgb64 {
         let patch = Facet::patch(of.mesh, i);
         let stream = Stream::new(of.seed, Purpose::DirectLight, i.0 as u64, PointSet::Sobol);
         self.segments.clear();

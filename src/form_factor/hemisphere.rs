@@ -7,7 +7,7 @@
 use super::transport::{Row, Rows, Transport, gather_rows};
 use super::{Estimator, Hemisphere, OnDemand};
 use crate::color::Rgb64;
-use crate::geometry::{Hit, Ray, RayCaster};
+use crate::geometry::{Hit, Ray};
 use crate::patches::PatchId;
 use crate::progress::Stage;
 use crate::sampling::{
@@ -120,7 +120,7 @@ fn count(sorted: &[u32], value: u32) -> usize {
     sorted.partition_point(|&x| x <= value) - sorted.partition_point(|&x| x < value)
 }
 
-impl<C: RayCaster> Estimator<'_, C> {
+impl Estimator<'_> {
     /// All rows, in parallel.
     pub fn hemisphere_rows(&self) -> HemisphereRows {
         let rays_per_row = self.samples as usize;
@@ -153,14 +153,14 @@ struct HemisphereWork {
 }
 
 impl HemisphereWork {
-    fn new<C>(of: &Estimator<C>) -> Self {
+    fn new(of: &Estimator) -> Self {
         let regular = of.points == PointSet::Regular;
         let centroids = if regular { regular_triangle(of.samples.isqrt()) } else { Vec::new() };
         HemisphereWork { centroids, rays: Vec::new(), hits: Vec::new() }
     }
 
     /// Fills the row with what patch i's rays hit, sorted.
-    fn trace<C: RayCaster>(&mut self, of: &Estimator<C>, i: PatchId, row: &mut [u32]) {
+    fn trace(&mut self, of: &Estimator, i: PatchId, row: &mut [u32]) {
         let side = of.mesh.side(i);
         let [p0, p1, p2] = side.sampling_area(&of.mesh.triangle(i)).p;
         let stream = Stream::new(of.seed, Purpose::Hemisphere, i.0 as u64, of.points);
@@ -184,7 +184,7 @@ impl HemisphereWork {
     }
 }
 
-impl<C: RayCaster> Rows for OnDemand<'_, C, Hemisphere> {
+impl Rows for OnDemand<'_, Hemisphere> {
     fn row(&self, i: PatchId) -> Row {
         let mut hits = vec![ESCAPED; self.of.samples as usize];
         HemisphereWork::new(self.of).trace(self.of, i, &mut hits);

@@ -22,8 +22,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub use transport::{Row, Rows, Transport, row_sum_defect, row_sums};
 
 /// Inputs of every estimate: the ray caster, the patches, the number of samples and the seed.
-pub struct Estimator<'a, C> {
-    pub caster: &'a C,
+pub struct Estimator<'a> {
+    pub caster: &'a dyn RayCaster,
     pub mesh: &'a PatchMesh,
     /// Samples per pair, or rays per row.
     pub samples: u32,
@@ -33,11 +33,11 @@ pub struct Estimator<'a, C> {
     rays: AtomicU64,
 }
 
-impl<'a, C: RayCaster> Estimator<'a, C> {
+impl<'a> Estimator<'a> {
     /// # Panics
     /// If `samples` is zero, or not a square while `points` is [`PointSet::Regular`].
     pub fn new(
-        caster: &'a C,
+        caster: &'a dyn RayCaster,
         mesh: &'a PatchMesh,
         samples: u32,
         points: PointSet,
@@ -62,8 +62,8 @@ impl<'a, C: RayCaster> Estimator<'a, C> {
 
 /// Rows by one of the estimators, each made when it is asked for: what shooting needs instead of a matrix.
 /// They are those that the estimator would store, number by number.
-pub struct OnDemand<'a, C, M> {
-    of: &'a Estimator<'a, C>,
+pub struct OnDemand<'a, M> {
+    of: &'a Estimator<'a>,
     method: PhantomData<fn() -> M>,
 }
 
@@ -73,14 +73,14 @@ pub struct Hemisphere;
 /// Rows by samples of [`pairs`].
 pub struct Pairs;
 
-impl<'a, C> OnDemand<'a, C, Hemisphere> {
-    pub fn hemisphere(of: &'a Estimator<'a, C>) -> Self {
+impl<'a> OnDemand<'a, Hemisphere> {
+    pub fn hemisphere(of: &'a Estimator<'a>) -> Self {
         OnDemand { of, method: PhantomData }
     }
 }
 
-impl<'a, C> OnDemand<'a, C, Pairs> {
-    pub fn pairs(of: &'a Estimator<'a, C>) -> Self {
+impl<'a> OnDemand<'a, Pairs> {
+    pub fn pairs(of: &'a Estimator<'a>) -> Self {
         OnDemand { of, method: PhantomData }
     }
 }

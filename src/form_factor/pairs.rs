@@ -11,7 +11,7 @@ use super::exchange::{ExchangeMatrix, TILE, Tile};
 use super::spherical::SphericalTriangle;
 use super::transport::{Row, Rows};
 use super::{Estimator, OnDemand, Pairs};
-use crate::geometry::{Ray, RayCaster, Triangle};
+use crate::geometry::{Ray, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
 use crate::progress::Stage;
 use crate::sampling::{PointSet, Purpose, Stream, regular_triangle, uniform_triangle};
@@ -132,7 +132,7 @@ pub struct Estimate {
     pub standard_error: f64,
 }
 
-impl<C: RayCaster> Estimator<'_, C> {
+impl Estimator<'_> {
     /// A_i F_ij in square units. Symmetric: swapping i and j gives the same bits.
     pub fn pair(&self, i: PatchId, j: PatchId) -> Estimate {
         let (i, j) = (i.min(j), i.max(j));
@@ -277,7 +277,7 @@ struct FacingCache {
 }
 
 impl FacingCache {
-    fn possible<C: RayCaster>(&mut self, of: &Estimator<C>, i: PatchId, j: PatchId) -> bool {
+    fn possible(&mut self, of: &Estimator, i: PatchId, j: PatchId) -> bool {
         let sides = Some((of.mesh.side_number(i), of.mesh.side_number(j)));
         if self.sides != sides {
             self.sides = sides;
@@ -307,7 +307,7 @@ struct PairPoints {
 }
 
 impl PairPoints {
-    fn new<C>(estimator: &Estimator<C>) -> Self {
+    fn new(estimator: &Estimator) -> Self {
         let regular = estimator.points == PointSet::Regular;
         PairPoints {
             seed: estimator.seed,
@@ -335,7 +335,7 @@ impl PairPoints {
     }
 }
 
-impl<C: RayCaster> Rows for OnDemand<'_, C, Pairs> {
+impl Rows for OnDemand<'_, Pairs> {
     fn row(&self, i: PatchId) -> Row {
         let of = self.of;
         let area = of.mesh.area(i);
@@ -351,7 +351,7 @@ impl<C: RayCaster> Rows for OnDemand<'_, C, Pairs> {
     }
 }
 
-impl<C: RayCaster> OnDemand<'_, C, Pairs> {
+impl OnDemand<'_, Pairs> {
     fn row_block(
         &self,
         i: PatchId,

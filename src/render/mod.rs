@@ -51,7 +51,7 @@ impl Frame {
 /// The samples of a pixel are stratified over its square and averaged: a box filter. Rays that
 /// leave the scene or meet the back of a one-sided triangle are black.
 pub fn render(
-    caster: &impl RayCaster,
+    caster: &dyn RayCaster,
     mesh: &PatchMesh,
     camera: &Camera,
     frame: &Frame,
@@ -86,7 +86,7 @@ pub fn render(
 
 /// One pixel, (x, y) from the top left, as [`render`] would draw it.
 pub fn pixel(
-    caster: &impl RayCaster,
+    caster: &dyn RayCaster,
     mesh: &PatchMesh,
     camera: &Camera,
     frame: &Frame,
@@ -111,7 +111,7 @@ impl<'m> Work<'m> {
     #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once per pixel")]
     fn draw(
         &mut self,
-        caster: &impl RayCaster,
+        caster: &dyn RayCaster,
         mesh: &'m PatchMesh,
         camera: &Camera,
         frame: &Frame,

@@ -94,7 +94,7 @@ impl Camera {
 
     /// A camera for a model that came without one: of some views from around the model and from
     /// inside it, the one that sees the most of lit sides, since a back is black.
-    pub fn fitted(triangles: &[Triangle], caster: &impl RayCaster) -> Camera {
+    pub fn fitted(triangles: &[Triangle], caster: &dyn RayCaster) -> Camera {
         let bounds: Bounds = triangles.iter().flat_map(|t| t.p).collect();
         candidates(&bounds)
             .into_iter()
@@ -128,7 +128,7 @@ fn candidates(bounds: &Bounds) -> Vec<Camera> {
         .collect()
 }
 
-fn fronts_seen(camera: &Camera, triangles: &[Triangle], caster: &impl RayCaster) -> usize {
+fn fronts_seen(camera: &Camera, triangles: &[Triangle], caster: &dyn RayCaster) -> usize {
     const GRID: usize = 32;
     (0..GRID * GRID)
         .filter(|i| {

@@ -151,7 +151,7 @@ impl Document {
     }
 
     /// The described camera, or one that is fitted to the scene.
-    pub fn view(&self, scene: &Scene, caster: &impl RayCaster) -> Camera {
+    pub fn view(&self, scene: &Scene, caster: &dyn RayCaster) -> Camera {
         match &self.camera {
             Some(camera) => camera.clone(),
             None => Camera::fitted(&scene.triangles, caster),

@@ -166,7 +166,7 @@ fn is_by_pairs(transport: &dyn Transport) -> bool {
 }
 
 /// Rooms with random triangles, reflectances and sources, and both kinds of matrix.
-fn for_each_problem(mut check: impl FnMut(&Problem, &dyn Transport, &Estimator<Bvh>, &str)) {
+fn for_each_problem(mut check: impl FnMut(&Problem, &dyn Transport, &Estimator, &str)) {
     for seed in 0..4 {
         let scene = room(6 * seed as usize, seed);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();

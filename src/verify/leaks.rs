@@ -41,7 +41,7 @@ impl fmt::Display for Leaks {
 /// Counts for the native caster and for every peer; nothing if no part of the mesh is closed.
 pub(crate) fn leaks(
     triangles: &[Triangle],
-    native: &(impl RayCaster + ?Sized),
+    native: &dyn RayCaster,
     peers: &[Peer],
     rays: u64,
     seed: u64,
@@ -90,7 +90,7 @@ impl<'t> Seams<'t> {
     }
 
     /// The number of the first `rays` rays that hit nothing.
-    fn escaped(&self, caster: &(impl RayCaster + ?Sized), single: bool, rays: u64) -> u64 {
+    fn escaped(&self, caster: &dyn RayCaster, single: bool, rays: u64) -> u64 {
         (0..rays.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {

@@ -52,7 +52,7 @@ const AUDIT: usize = 64;
 /// Asks the native caster and every peer about `rays` rays, for the nearest hit and for any hit.
 pub(crate) fn survey<'t>(
     triangles: &'t [Triangle],
-    native: &(impl RayCaster + ?Sized),
+    native: &dyn RayCaster,
     peers: &[Peer],
     source: &RaySource,
     rays: u64,
@@ -111,7 +111,7 @@ impl Chunk {
     /// One record per peer.
     fn ask(
         &self,
-        native: &(impl RayCaster + ?Sized),
+        native: &dyn RayCaster,
         peers: &[Peer],
         judges: &[Judge],
         source: &RaySource,
@@ -137,7 +137,7 @@ pub(super) struct Answers {
 }
 
 impl Answers {
-    pub(super) fn of(caster: &(impl RayCaster + ?Sized), rays: &[Ray], single: bool) -> Self {
+    pub(super) fn of(caster: &dyn RayCaster, rays: &[Ray], single: bool) -> Self {
         let mut answers = Answers { nearest: Vec::new(), occluded: Vec::new() };
         if single {
             answers.nearest = rays.iter().map(|ray| caster.nearest(ray)).collect();

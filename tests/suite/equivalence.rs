@@ -70,11 +70,11 @@ fn settings(method: Method) -> Choices {
     }
 }
 
-fn light(caster: &impl RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity {
+fn light(caster: &dyn RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity {
     radiosity::solve(caster, mesh, &settings(method), &()).expect("light")
 }
 
-fn draw(caster: &impl RayCaster, mesh: &PatchMesh, from: &Document, light: &Radiosity) -> Image {
+fn draw(caster: &dyn RayCaster, mesh: &PatchMesh, from: &Document, light: &Radiosity) -> Image {
     let flat = Flat::new(mesh, &light.irradiance, &vec![1.0; mesh.len()]);
     let frame = Frame { width: 96, height: 96, samples: 4, seed: 3 };
     let camera = from.camera.as_ref().expect("a camera");

@@ -99,16 +99,11 @@ impl World {
         World { mesh, bvh }
     }
 
-    pub(crate) fn estimator(
-        &self,
-        samples: u32,
-        points: PointSet,
-        seed: u64,
-    ) -> Estimator<'_, Bvh> {
+    pub(crate) fn estimator(&self, samples: u32, points: PointSet, seed: u64) -> Estimator<'_> {
         Estimator::new(&self.bvh, &self.mesh, samples, points, seed, &())
     }
 
-    pub(crate) fn random(&self, samples: u32, seed: u64) -> Estimator<'_, Bvh> {
+    pub(crate) fn random(&self, samples: u32, seed: u64) -> Estimator<'_> {
         self.estimator(samples, PointSet::Random, seed)
     }
 }
