@@ -21,7 +21,7 @@
 //! # The walk of a run
 //!
 //! ```text
-//! arguments → scene → patches → hierarchy → form factors → solution → shading → picture → file
+//! arguments → scene → patches → hierarchy → form factors → solution → irradiance field → picture → file
 //! ```
 //!
 //! # The layers
@@ -39,11 +39,13 @@
 //! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic; the eight-wide SIMD hierarchy |
 //! | 5 | `oracle` (feature `embree`) | Embree: device, scene under construction, committed scene |
 //! | 5 | [`verify`] | exact referee, derived bounds, verdicts, adversarial rays |
-//! | 5 | [`form_factor`], `coverage` | pairwise and hemispherical estimates, direct light; what is covered |
+//! | 5 | [`form_factor`], `coverage` | pairwise and hemispherical estimates behind [`Transport`]; what is covered |
+//! | 6 | [`light`], [`direct`] | sources of light behind [`Light`]; what arrives straight from them |
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
-//! | 8 | [`render`], `export` | flat and smooth pictures, exposure; files that appear whole |
+//! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated |
+//! | 8 | [`render`], `export` | pictures, exposure; files that appear whole |
 //! | 9 | [`plan`] | from a scene and its settings to its solution |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
@@ -66,7 +68,7 @@
 //! - **The same bits everywhere.** Random numbers are functions of (seed, purpose, index), and sums have a
 //!   fixed order. The kernels fuse and approximate nothing, so AVX-512, AVX2 and SSE2 agree.
 //! - **Small lamps are sampled separately.** Few of a patch's rays find a small lamp, so its light is
-//!   estimated by [`form_factor::direct`] and the rays carry only what is reflected.
+//!   estimated by [`direct`] and the rays carry only what is reflected.
 //! - **Near pairs are sampled by solid angle.** 1/r² has no finite variance over two patches that share
 //!   an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
 //! - **Covered parts do not count.** A patch that is partly covered by another surface is weighted by its
@@ -83,17 +85,23 @@
 //! measured and which optimisations helped.
 //!
 //! [`RayCaster`]: geometry::RayCaster
+//! [`Light`]: light::Light
+//! [`Transport`]: form_factor::Transport
+//! [`IrradianceField`]: field::IrradianceField
 
 mod bench;
 pub mod bvh;
 pub mod cli;
 pub mod color;
 mod coverage;
+pub mod direct;
 pub mod equivalence;
 pub mod error;
 mod export;
+pub mod field;
 pub mod form_factor;
 pub mod geometry;
+pub mod light;
 mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;

@@ -9,12 +9,13 @@ use crate::radiosity::{self, Choices};
 use crate::scene::{Document, Scene};
 use crate::settings::Settings;
 use crate::solution::Solution;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A scene's patches and every choice of method, made before the first ray is cast.
 pub struct Plan<'d> {
     document: &'d Document,
-    mesh: PatchMesh,
+    mesh: Arc<PatchMesh>,
     choices: Choices,
 }
 
@@ -46,7 +47,7 @@ impl<'d> Plan<'d> {
         let mesh =
             PatchMesh::subdivide(scene, Subdivision::of(&settings.patches)).map_err(of_document)?;
         let choices = Choices::new(&settings, &mesh).map_err(of_document)?;
-        Ok(Plan { document, mesh, choices })
+        Ok(Plan { document, mesh: mesh.into(), choices })
     }
 
     /// Rays that the light takes, at most: how thoroughly a hierarchy should be built.

@@ -2,16 +2,17 @@
 
 use crate::color::Rgb64;
 use crate::error::{Error, ErrorKind, Result};
-use crate::form_factor::direct::Emitters;
 use crate::form_factor::{
     Estimator, ExchangeMatrix, HemisphereRows, OnDemand, Row, Rows, Transport, row_sum_defect,
 };
 use crate::geometry::RayCaster;
+use crate::light::EmittingTriangles;
 use crate::memory;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
 use crate::sampling::PointSet;
 use crate::settings::Settings;
+use crate::settings::{DIRECT_SAMPLES, HEMISPHERE_RAYS, MEMORY_PERCENT, PAIR_SAMPLES, TOLERANCE};
 pub use crate::settings::{Method, Solver};
 use crate::solver::{Converged, MatrixMethod, Problem, Stop};
 use serde::{Deserialize, Serialize};
@@ -36,16 +37,6 @@ pub struct Choices {
     pub memory_limit: Option<u64>,
 }
 
-/// Samples per pair of patches, and rays per patch, unless another number is asked for.
-const PAIR_SAMPLES: u32 = 9;
-const HEMISPHERE_RAYS: u32 = 256;
-
-/// Points of small emitters per patch.
-const DIRECT_SAMPLES: u32 = 64;
-
-/// The relative residual at which to stop.
-const TOLERANCE: f64 = 1e-4;
-
 impl Choices {
     /// Fills in what the settings leave open by the defaults that suit the patches.
     ///
@@ -53,7 +44,7 @@ impl Choices {
     /// A number of regular points that is no square.
     pub fn new(settings: &Settings, mesh: &PatchMesh) -> Result<Choices> {
         let light = &settings.light;
-        let method = light.form_factors.unwrap_or(Method::Hemisphere);
+        let method = light.form_factors.unwrap_or_default();
         let samples = light.samples.unwrap_or(match method {
             Method::Pairs => PAIR_SAMPLES,
             Method::Hemisphere => HEMISPHERE_RAYS,
@@ -70,12 +61,12 @@ impl Choices {
             samples,
             points,
             direct_samples: light.direct.unwrap_or(if sampled { DIRECT_SAMPLES } else { 0 }),
-            solver: light.solver.unwrap_or(Solver::GaussSeidel),
+            solver: light.solver.unwrap_or_default(),
             stop: light.iterations.map_or(tolerance, Stop::Iterations),
             seed: settings.seed,
             memory_limit: match light.memory {
                 Some(mebibytes) => Some(mebibytes.saturating_mul(1 << 20)),
-                None => memory::available().map(|bytes| bytes / 5 * 4),
+                None => memory::available().map(|bytes| bytes / 100 * MEMORY_PERCENT),
             },
         })
     }
@@ -137,7 +128,7 @@ const SMALL_EMITTERS: f64 = 0.1;
 
 /// Whether the emitters are so small a part of the scene that they should be sampled themselves.
 fn has_small_emitters(mesh: &PatchMesh) -> bool {
-    Emitters::of(mesh).area() <= SMALL_EMITTERS * mesh.scene.area()
+    EmittingTriangles::of(mesh).area() <= SMALL_EMITTERS * mesh.scene.area()
 }
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
@@ -172,7 +163,7 @@ pub fn solve(
             settings.seed,
             progress,
         );
-        (estimator.direct_light(&Emitters::of(mesh)), estimator.rays())
+        (estimator.direct_light(&EmittingTriangles::of(mesh)), estimator.rays())
     });
     let (direct, direct_rays) = direct.unzip();
     go_on(progress)?;

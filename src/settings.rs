@@ -10,25 +10,45 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 /// How form factors are estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Samples of each pair of patches: reciprocal by construction, n² work.
     Pairs,
     /// Cosine-distributed rays from each patch: rows that sum to 1, n work.
+    #[default]
     Hemisphere,
 }
 
 /// How the radiosity equation is solved.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
     /// Every patch from the last iterate.
     Jacobi,
     /// Every patch from the newest values.
+    #[default]
     GaussSeidel,
     /// Shooting, which stores no matrix.
     Southwell,
+}
+
+/// Samples per pair of patches, unless another number is asked for.
+pub(crate) const PAIR_SAMPLES: u32 = 9;
+/// Rays per patch.
+pub(crate) const HEMISPHERE_RAYS: u32 = 256;
+/// Points of small emitters per patch.
+pub(crate) const DIRECT_SAMPLES: u32 = 64;
+/// The relative residual at which to stop.
+pub(crate) const TOLERANCE: f64 = 1e-4;
+/// Of the available memory, how much a matrix may take.
+pub(crate) const MEMORY_PERCENT: u64 = 80;
+/// Patches that the subdivision aims at: good and quick for a first picture.
+pub(crate) const PATCHES: usize = 40_000;
+
+/// The name of a choice on the command line and in a description.
+fn name_of(choice: impl ValueEnum) -> String {
+    choice.to_possible_value().expect("no choice is hidden").get_name().to_string()
 }
 
 /// The options that a user can set.
@@ -60,9 +80,10 @@ pub struct PatchSettings {
     #[arg(long, value_name = "N", conflicts_with = "max_edge", help_heading = "Light")]
     pub levels: Option<u32>,
 
-    /// Split triangles until no patch edge is longer, in the scene's units [default: the scene's,
-    /// else a length that makes about 40000 patches]
-    #[arg(long, value_name = "LENGTH", help_heading = "Light")]
+    /// No edge of a patch is longer, in the scene's units.
+    #[arg(long, value_name = "LENGTH", help_heading = "Light", help = format!(
+        "Split triangles until no patch edge is longer, in the scene's units [default: the scene's, \
+         else a length that makes about {PATCHES} patches]"))]
     pub max_edge: Option<f64>,
 }
 
@@ -70,56 +91,69 @@ pub struct PatchSettings {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, clap::Args)]
 #[serde(deny_unknown_fields)]
 pub struct LightSettings {
-    /// How form factors are estimated: samples of each pair of patches, or rays from each patch
-    /// [default: hemisphere]
+    /// How form factors are estimated.
     #[arg(
         long,
         hide_possible_values = true,
         value_name = "pairs|hemisphere",
-        help_heading = "Light"
+        help_heading = "Light",
+        help = format!(
+            "How form factors are estimated: samples of each pair of patches, or rays from each patch \
+             [default: {}]", name_of(Method::default()))
     )]
     pub form_factors: Option<Method>,
 
-    /// Samples per pair [default: 9], or rays per patch [default: 256]
+    /// Samples per pair, or rays per patch.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SAMPLES as i64),
-          help_heading = "Light")]
+          help_heading = "Light", help = format!(
+              "Samples per pair [default: {PAIR_SAMPLES}], or rays per patch [default: {HEMISPHERE_RAYS}]"))]
     pub samples: Option<u32>,
 
-    /// Where samples lie: low-discrepancy, independent, or the centroids of a regular subdivision
-    /// [default: sobol]
+    /// Where samples lie.
     #[arg(
         long,
         hide_possible_values = true,
         value_name = "sobol|random|regular",
-        help_heading = "Light"
+        help_heading = "Light",
+        help = format!(
+            "Where samples lie: low-discrepancy, independent, or the centroids of a regular subdivision \
+             [default: {}]", name_of(PointSet::default()))
     )]
     pub points: Option<PointSet>,
 
-    /// Points of the emitters sampled for each patch's direct light; 0 leaves it to the form factors
-    /// [default: 64 with --form-factors hemisphere if the emitters are small, else 0]
+    /// Points of the emitters sampled for each patch's direct light; 0 leaves it to the form factors.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=MAX_SAMPLES as i64),
-          help_heading = "Light")]
+          help_heading = "Light", help = format!(
+              "Points of the emitters sampled for each patch's direct light; 0 leaves it to the form \
+               factors [default: {DIRECT_SAMPLES} with --form-factors {} if the emitters are small, \
+               else 0]", name_of(Method::Hemisphere)))]
     pub direct: Option<u32>,
 
-    /// How the radiosity equation is solved; southwell stores no matrix [default: gauss-seidel]
+    /// How the radiosity equation is solved.
     #[arg(
         long,
         hide_possible_values = true,
         value_name = "jacobi|gauss-seidel|southwell",
-        help_heading = "Light"
+        help_heading = "Light",
+        help = format!(
+            "How the radiosity equation is solved; {} stores no matrix [default: {}]",
+            name_of(Solver::Southwell), name_of(Solver::default()))
     )]
     pub solver: Option<Solver>,
 
-    /// Relative residual at which to stop [default: 0.0001]
-    #[arg(long, value_name = "X", value_parser = parse_tolerance, help_heading = "Light")]
+    /// Relative residual at which to stop.
+    #[arg(long, value_name = "X", value_parser = parse_tolerance, help_heading = "Light",
+          help = format!("Relative residual at which to stop [default: {TOLERANCE}]"))]
     pub tolerance: Option<f64>,
 
     /// Do exactly N iterations (for southwell: shots), whatever the residual; not with --tolerance
     #[arg(long, value_name = "N", conflicts_with = "tolerance", help_heading = "Light")]
     pub iterations: Option<usize>,
 
-    /// The most memory that a matrix may take, in MiB [default: 80 % of what is available]
-    #[arg(long, value_name = "MIB", help_heading = "Light")]
+    /// The most memory that a matrix may take, in MiB.
+    #[arg(long, value_name = "MIB", help_heading = "Light", help = format!(
+        "The most memory that a matrix may take, in MiB [default: {MEMORY_PERCENT} % of what is \
+         available]"))]
     pub memory: Option<u64>,
 }
 

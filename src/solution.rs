@@ -22,18 +22,19 @@ use crate::scene::{Camera, Document, Material, Scene};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 
 /// The light of a scene, with the scene.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Solution {
     pub title: String,
-    pub scene: Scene,
+    scene: Scene,
     /// How often each triangle is split; see [`PatchMesh::levels`].
     levels: Vec<u32>,
     /// H in W·m⁻², per patch.
-    pub irradiance: Vec<Rgb64>,
+    irradiance: Vec<Rgb64>,
     /// The uncovered share of the area, in [0, 1], per patch; see `coverage`.
-    pub uncovered: Vec<f64>,
+    uncovered: Vec<f64>,
     pub figures: Figures,
     /// How the light was solved.
     pub choices: Choices,
@@ -43,6 +44,9 @@ pub struct Solution {
     pub views: BTreeMap<String, Camera>,
     /// The document's defaults for a picture.
     pub image: ImageDefaults,
+    /// Filled by the first call of [`patches`](Self::patches), and shared by all clones.
+    #[serde(skip)]
+    known_patches: Arc<OnceLock<Arc<PatchMesh>>>,
 }
 
 /// How well the light was solved, and where its power went.
@@ -74,7 +78,7 @@ impl Solution {
     /// If a list has another length than the mesh.
     pub fn new(
         document: &Document,
-        mesh: &PatchMesh,
+        mesh: &Arc<PatchMesh>,
         choices: &Choices,
         (light, uncovered): (Radiosity, Vec<f64>),
         camera: Camera,
@@ -99,6 +103,7 @@ impl Solution {
             camera,
             views: document.views.clone(),
             image: document.image.clone(),
+            known_patches: Arc::new(mesh.clone().into()),
         }
     }
 
@@ -120,9 +125,24 @@ impl Solution {
         view_of(&self.views, name)
     }
 
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// The scene's patches, numbered as the irradiance is.
-    pub fn patches(&self) -> PatchMesh {
-        PatchMesh::from_levels(&self.scene, &self.levels).expect("checked when it was made")
+    pub fn patches(&self) -> Arc<PatchMesh> {
+        let make = || PatchMesh::from_levels(&self.scene, &self.levels).expect("checked levels");
+        self.known_patches.get_or_init(|| make().into()).clone()
+    }
+
+    /// H in W·m⁻², per patch.
+    pub fn irradiance(&self) -> &[Rgb64] {
+        &self.irradiance
+    }
+
+    /// The share of each patch's area, in [0, 1], that no other surface covers.
+    pub fn uncovered(&self) -> &[f64] {
+        &self.uncovered
     }
 
     /// The factor from radiance to display with which a picture is neither dark nor burnt out.
@@ -256,6 +276,7 @@ mod tests {
         let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
         let scene = Scene::new(vec![triangle], vec![MaterialId(0)], vec![Material::fallback()]);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).expect("patches");
+        let mesh = Arc::new(mesh);
         let light = Radiosity {
             radiosity: vec![Rgb64::ONE; 16],
             irradiance: (0..16).map(|i| Rgb64::splat(1.0 / (1.0 + i as f64))).collect(),

@@ -1,19 +1,19 @@
 //! Light, ready to be drawn from anywhere.
 
 use crate::error::{Error, Result};
+use crate::field::{Constant, Interpolated, IrradianceField};
 use crate::geometry::RayCaster;
 use crate::patches::PatchMesh;
 use crate::progress::Progress;
-use crate::render::shading::{Flat, Shading, Smooth};
-use crate::render::smooth::VertexIrradiance;
 use crate::render::{Frame, Image, render};
 use crate::scene::Camera;
 use crate::solution::Solution;
+use std::sync::Arc;
 
-/// The patches of a scene with what they look like.
+/// The patches of a scene with the irradiance at each of their points.
 pub struct View {
-    mesh: PatchMesh,
-    shading: Box<dyn Shading>,
+    mesh: Arc<PatchMesh>,
+    field: Box<dyn IrradianceField>,
 }
 
 impl View {
@@ -47,8 +47,8 @@ impl View {
         progress: &dyn Progress,
     ) -> Result<Vec<Image>> {
         let Some(first) = views.first() else { return Ok(Vec::new()) };
-        let shadings: Vec<&dyn Shading> = views.iter().map(|view| &*view.shading).collect();
-        let images = render(caster, &first.mesh, camera, frame, &shadings, progress);
+        let fields: Vec<&dyn IrradianceField> = views.iter().map(|view| &*view.field).collect();
+        let images = render(caster, &first.mesh, camera, frame, &fields, progress);
         if progress.is_stopped() { Err(Error::stopped()) } else { Ok(images) }
     }
 }
@@ -56,16 +56,17 @@ impl View {
 impl Solution {
     /// Patches as they are: constant.
     pub fn flat(&self) -> View {
-        let mesh = self.patches();
-        let shading = Box::new(Flat::new(&mesh, &self.irradiance, &self.uncovered));
-        View { mesh, shading }
+        self.seen_by(Constant::new(self.irradiance(), self.uncovered()))
     }
 
     /// Irradiance interpolated over edges up to the crease angle, in degrees.
     pub fn smooth(&self, crease: f32) -> View {
         let mesh = self.patches();
-        let vertices = VertexIrradiance::new(&mesh, &self.irradiance, &self.uncovered, crease);
-        let shading = Box::new(Smooth::new(&mesh, vertices));
-        View { mesh, shading }
+        self.seen_by(Interpolated::new(&mesh, self.irradiance(), self.uncovered(), crease))
+    }
+
+    /// The light as a field of the caller's shows it.
+    pub fn seen_by(&self, field: impl IrradianceField + 'static) -> View {
+        View { mesh: self.patches(), field: Box::new(field) }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
+use crate::render::Frame;
 use crate::scene::Camera;
 use crate::scene::document::is_view_name;
 use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings, Settings};
@@ -21,13 +22,13 @@ pub(super) struct RenderArguments {
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 
-    /// Width and height in pixels [default: the scene's, else 640x480]
-    #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Picture")]
+    #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Picture", help = format!(
+        "Width and height in pixels [default: the scene's, else {}x{}]", Frame::SIZE[0], Frame::SIZE[1]))]
     pub size: Option<[u32; 2]>,
 
-    /// Samples per pixel [default: the scene's, else 16]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SAMPLES as i64),
-          help_heading = "Picture")]
+          help_heading = "Picture", help = format!(
+              "Samples per pixel [default: the scene's, else {}]", Frame::SAMPLES))]
     pub spp: Option<u32>,
 
     /// How patches look: constant, or interpolated; several share one solve
@@ -125,8 +126,9 @@ pub(super) struct RunArguments {
     #[arg(long, default_value = "moller-trumbore", help_heading = "Run")]
     pub kernel: KernelKind,
 
-    /// Seed of all random numbers [default: 1; of a .light file, that of its solution]
-    #[arg(long, value_name = "N", help_heading = "Run")]
+    #[arg(long, value_name = "N", help_heading = "Run", help = format!(
+        "Seed of all random numbers [default: {}; of a .light file, that of its solution]",
+        Settings::SEED))]
     pub seed: Option<u64>,
 
     /// Threads [default: all cores]; the result does not depend on it

@@ -21,7 +21,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if is_light(&arguments.scene) {
         let solution = Solution::load(&arguments.scene)?;
-        say(&(describe(&solution.title, &solution.scene) + &describe_light(&solution)));
+        say(&(describe(&solution.title, solution.scene()) + &describe_light(&solution)));
         return Ok(());
     }
     let document = Document::open(&arguments.scene)?;
@@ -48,7 +48,7 @@ fn describe_light(solution: &Solution) -> String {
          \x20 solved by   {}, seed {seed}, {residual} after {} iterations\n\
          \x20 views       {}\n\
          \x20 fingerprint {scene:08x} of the scene, {choices:08x} of the choices\n",
-        solution.irradiance.len(),
+        solution.irradiance().len(),
         name(&points),
         name(&solver),
         solution.figures.iterations,

@@ -60,7 +60,7 @@ impl Run<'_> {
         let solution = Solution::load(&arguments.scene)?;
         let frame = self.frame(&solution.image, solution.choices.seed)?;
         let load = self.start.elapsed();
-        let tracer = self.tracer(&solution.scene, frame.rays());
+        let tracer = self.tracer(solution.scene(), frame.rays());
         let mut seconds = Seconds { load: load.as_secs_f64(), ..Seconds::default() };
         seconds.build = (self.start.elapsed() - load).as_secs_f64();
         self.show(&tracer, &frame, &solution, 0, seconds)
@@ -213,7 +213,7 @@ pub(super) fn frame(
     image: &ImageDefaults,
     images: usize,
 ) -> Result<Frame> {
-    let [width, height] = size.or(image.size).unwrap_or([640, 480]);
+    let [width, height] = size.or(image.size).unwrap_or(Frame::SIZE);
     if width == 0 || height == 0 || width > MAX_SIZE || height > MAX_SIZE {
         return Err(Error::new(format!("a picture of {width}x{height} pixels"))
             .remedy("give a width and a height from 1 to 65536"));

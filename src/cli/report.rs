@@ -94,9 +94,9 @@ impl Report {
         let Figures { residuals, iterations, energy, rays, .. } = &solution.figures;
         Report {
             scene: solution.title.clone(),
-            triangles: solution.scene.triangles.len(),
-            patches: solution.irradiance.len(),
-            open_edges: solution.scene.topology().open_edges(),
+            triangles: solution.scene().triangles.len(),
+            patches: solution.irradiance().len(),
+            open_edges: solution.scene().topology().open_edges(),
             rays: 0,
             transport_rays: *rays,
             peak_memory_bytes: memory::peak(),

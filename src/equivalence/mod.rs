@@ -14,14 +14,13 @@ mod tests;
 use crate::color::Rgb64;
 use crate::coverage::{uncovered, uncovered_share};
 use crate::error::Result;
-use crate::form_factor::direct::Emitters;
+use crate::field::{Constant, Interpolated, IrradianceField};
 use crate::form_factor::{Estimator, OnDemand, Rows};
 use crate::geometry::RayCaster;
+use crate::light::EmittingTriangles;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
 use crate::radiosity::{self, Choices};
-use crate::render::shading::{Flat, Shading, Smooth};
-use crate::render::smooth::VertexIrradiance;
 use crate::render::{Frame, Image, pixel, render};
 use crate::sampling::PointSet;
 use crate::scene::Camera;
@@ -38,7 +37,7 @@ pub struct Pipeline<'a> {
     pub settings: Choices,
     pub camera: &'a Camera,
     pub frame: Frame,
-    /// See [`VertexIrradiance::new`].
+    /// See [`Interpolated::new`].
     pub crease: f32,
 }
 
@@ -122,19 +121,18 @@ impl Pipeline<'_> {
     /// # Errors
     /// See [`radiosity::solve`].
     pub fn compare(&self, pair: &Pair, progress: &dyn Progress) -> Result<Comparison> {
-        let native = radiosity::solve(&pair.native, self.mesh, &self.settings, progress)?;
-        let peer = radiosity::solve(&pair.peer, self.mesh, &self.settings, progress)?;
-        let (shares, _) = uncovered(&pair.native, self.mesh, progress);
-        let vertices = VertexIrradiance::new(self.mesh, &native.irradiance, &shares, self.crease);
-        let flat_shading = Flat::new(self.mesh, &native.irradiance, &shares);
-        let smooth_shading = Smooth::new(self.mesh, vertices);
+        let native = radiosity::solve(pair.native, self.mesh, &self.settings, progress)?;
+        let peer = radiosity::solve(pair.peer, self.mesh, &self.settings, progress)?;
+        let (shares, _) = uncovered(pair.native, self.mesh, progress);
+        let constant = Constant::new(&native.irradiance, &shares);
+        let interpolated = Interpolated::new(self.mesh, &native.irradiance, &shares, self.crease);
 
         let form_factors = self.form_factors(pair);
         let direct_light = self.direct_light(pair);
         let radiosity =
             solutions(&native.radiosity, &peer.radiosity, [&form_factors, &direct_light]);
-        let flat = self.picture(pair, &flat_shading, Detail::Patch, progress);
-        let smooth = self.picture(pair, &smooth_shading, Detail::Point, progress);
+        let flat = self.picture(pair, &constant, Detail::Patch, progress);
+        let smooth = self.picture(pair, &interpolated, Detail::Point, progress);
         let causes = flat.causes.iter().zip(&smooth.causes).map(|(a, b)| *a.max(b)).collect();
         let coverage = self.coverage(pair);
         let (flat, smooth, image) = (flat.stage, smooth.stage, smooth.native);
@@ -146,7 +144,7 @@ impl Pipeline<'_> {
         let settings = &self.settings;
         let row = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.samples, settings.points);
-            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &());
+            let of = Estimator::new(caster, self.mesh, samples, points, settings.seed, &());
             OnDemand::hemisphere(&of).row(i).entries
         };
         self.per_patch(pair, row, |a, b| count_entries(a, b))
@@ -157,17 +155,17 @@ impl Pipeline<'_> {
         if settings.direct_samples == 0 {
             return Compared::default();
         }
-        let emitters = Emitters::of(self.mesh);
+        let emitters = EmittingTriangles::of(self.mesh);
         let light = |caster: &dyn RayCaster, i| {
             let (samples, points) = (settings.direct_samples, PointSet::Sobol);
-            let of = Estimator::new(&caster, self.mesh, samples, points, settings.seed, &());
+            let of = Estimator::new(caster, self.mesh, samples, points, settings.seed, &());
             of.direct_light_of(&emitters, i)
         };
         self.per_patch(pair, light, |a, b| (1, (a != b) as u64))
     }
 
     fn coverage(&self, pair: &Pair) -> Compared {
-        let share = |caster: &dyn RayCaster, i| uncovered_share(&caster, self.mesh, i).0;
+        let share = |caster: &dyn RayCaster, i| uncovered_share(caster, self.mesh, i).0;
         self.per_patch(pair, share, |a, b| (1, (a != b) as u64))
     }
 
@@ -200,19 +198,19 @@ impl Pipeline<'_> {
     fn picture(
         &self,
         pair: &Pair,
-        shading: &dyn Shading,
+        field: &dyn IrradianceField,
         detail: Detail,
         progress: &dyn Progress,
     ) -> Picture {
         let (mesh, camera, frame) = (self.mesh, self.camera, &self.frame);
         let [native, peer] = [pair.native, pair.peer]
-            .map(|caster| render(&caster, mesh, camera, frame, &[shading], progress).remove(0));
+            .map(|caster| render(caster, mesh, camera, frame, &[field], progress).remove(0));
         let differences: Vec<Option<Difference>> = (0..native.pixels.len())
             .into_par_iter()
             .map(|i| {
                 let at = (i % frame.width as usize, i / frame.width as usize);
                 let results = (&native.pixels[i], &peer.pixels[i]);
-                let again = |c: &dyn RayCaster| pixel(&c, mesh, camera, frame, at, shading);
+                let again = |c: &dyn RayCaster| pixel(c, mesh, camera, frame, at, field);
                 pair.difference(mesh, detail, results, again)
             })
             .collect();

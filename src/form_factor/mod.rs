@@ -2,9 +2,8 @@
 //!
 //! Two estimators by Monte Carlo integration: [`pairs`] samples points on both patches and keeps
 //! one symmetric number per pair, [`hemisphere`] sends cosine-distributed rays from each patch and
-//! keeps what they hit. [`direct`] estimates the light that arrives straight from the emitters.
+//! keeps what they hit.
 
-pub mod direct;
 mod exchange;
 pub mod hemisphere;
 pub mod pairs;
@@ -55,7 +54,7 @@ impl<'a> Estimator<'a> {
         self.rays.load(Ordering::Relaxed)
     }
 
-    fn count_rays(&self, rays: usize) {
+    pub(crate) fn count_rays(&self, rays: usize) {
         self.rays.fetch_add(rays as u64, Ordering::Relaxed);
     }
 }

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// A triangle that exchanges light: a patch, or a whole emitter.
-pub(super) struct Facet<'s> {
+pub struct Facet<'s> {
     shape: Triangle,
     /// See [`Side::sampling_area`].
     sampled: Triangle,
@@ -32,18 +32,19 @@ pub(super) struct Facet<'s> {
 }
 
 impl<'s> Facet<'s> {
-    pub(super) fn new(shape: Triangle, side: &'s Side) -> Self {
+    pub(crate) fn new(shape: Triangle, side: &'s Side) -> Self {
         let centroid = shape.centroid();
         let radius = shape.p.iter().map(|p| p.distance(centroid)).fold(0.0, f32::max);
         let sampled = side.sampling_area(&shape);
         Facet { area: shape.area() as f32, sampled, centroid, radius, shape, side }
     }
 
-    pub(super) fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
+    pub(crate) fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
         Facet::new(mesh.triangle(patch), mesh.side(patch))
     }
 
-    pub(super) fn area(&self) -> f64 {
+    /// In square units.
+    pub fn area(&self) -> f64 {
         self.area as f64
     }
 
@@ -55,20 +56,20 @@ impl<'s> Facet<'s> {
 
 /// Where one sample of a pair lies: barycentrics on each triangle, and the numbers (ξ₀, ξ₁) that
 /// the second ones came from, for sampling by solid angle.
-pub(super) struct PairPoint {
+pub(crate) struct PairPoint {
     pub on_a: [f32; 3],
     pub on_b: [f32; 3],
     pub xi_b: [f32; 2],
 }
 
 impl PairPoint {
-    pub(super) fn uniform([x0, x1, y0, y1]: [f32; 4]) -> Self {
+    pub(crate) fn uniform([x0, x1, y0, y1]: [f32; 4]) -> Self {
         PairPoint { on_a: uniform_triangle(x0, x1), on_b: uniform_triangle(y0, y1), xi_b: [y0, y1] }
     }
 }
 
 /// One sample: the segment whose visibility decides, and what it contributes to A_a F_ab if clear.
-pub(super) struct PairSample {
+pub(crate) struct PairSample {
     pub segment: Ray,
     pub exchange: f32,
 }
@@ -79,7 +80,7 @@ pub(super) struct PairSample {
 /// [`spherical`](super::spherical)); beyond that, r varies by less than a factor of three over the
 /// pair, and sampling by area is good and cheaper.
 #[inline]
-pub(super) fn sample(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
+pub(crate) fn sample(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
     let near = 2.0 * (a.radius + b.radius);
     if a.centroid.distance_squared(b.centroid) < near * near {
         sample_solid_angle(a, b, point)

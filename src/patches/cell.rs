@@ -28,11 +28,10 @@ impl Cell {
         let i = (x as u32).min(n - 1);
         let j = (y as u32).min(n - 1 - i);
         let (fx, fy) = ((x - i as f32).min(1.0), (y - j as f32).min(1.0));
-        if fx + fy > 1.0 && i + j + 1 < n {
-            (Cell { i, j, inverted: true }, 1.0 - fx, 1.0 - fy)
-        } else {
-            (Cell { i, j, inverted: false }, fx, fy)
-        }
+        let inverted = (fx + fy > 1.0) & (i + j + 1 < n);
+        // 1 − f where inverted, else f, without a branch: half of all points would mispredict it.
+        let one = inverted as u32 as f32;
+        (Cell { i, j, inverted }, (one - fx).abs(), (one - fy).abs())
     }
 
     /// The patch's number within its triangle.
@@ -68,11 +67,8 @@ impl Cell {
     /// The lattice points (i, j) of its corners, in its triangle's winding; corner k has λₖ = 1.
     pub fn corners(self) -> [(u32, u32); 3] {
         let Cell { i, j, inverted } = self;
-        if inverted {
-            [(i + 1, j + 1), (i, j + 1), (i + 1, j)]
-        } else {
-            [(i, j), (i + 1, j), (i, j + 1)]
-        }
+        let (near, far) = (inverted as u32, !inverted as u32);
+        [(i + near, j + near), (i + far, j + near), (i + near, j + far)]
     }
 }
 

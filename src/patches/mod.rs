@@ -13,7 +13,7 @@ use crate::error::{Error, ErrorKind, Result};
 pub use crate::geometry::triangle::MAX_LEVEL;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use crate::scene::{MaterialId, Scene};
-use crate::settings::PatchSettings;
+use crate::settings::{self, PatchSettings};
 pub use cell::Cell;
 use glam::Vec3;
 pub use surface_point::SurfacePoint;
@@ -40,16 +40,12 @@ pub enum Subdivision {
 }
 
 impl Subdivision {
-    /// Patches that the subdivision aims at unless something else is asked for: good and quick for a
-    /// first picture.
-    pub const DEFAULT_COUNT: usize = 40_000;
-
     /// The subdivision that the settings ask for, or the default.
     pub fn of(settings: &PatchSettings) -> Subdivision {
         match (settings.levels, settings.max_edge) {
             (Some(levels), _) => Subdivision::Levels(levels),
             (None, Some(length)) => Subdivision::MaxEdge(length),
-            (None, None) => Subdivision::Count(Subdivision::DEFAULT_COUNT),
+            (None, None) => Subdivision::Count(settings::PATCHES),
         }
     }
 }
@@ -98,6 +94,7 @@ impl Side {
 const MAX_PATCHES: usize = 1 << 28;
 
 /// All patches of a scene.
+#[derive(Debug)]
 pub struct PatchMesh {
     pub scene: Scene,
     sides: Vec<Side>,

@@ -1,10 +1,9 @@
-//! Pictures: rays through the pixels, shaded by the radiosity of what they meet.
+//! Pictures: rays through the pixels, and the radiance of what they meet.
 
-pub mod shading;
-pub mod smooth;
 pub(crate) mod tone;
 
 use crate::color::Rgb;
+use crate::field::IrradianceField;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::{PatchMesh, SurfacePoint};
 use crate::progress::{Progress, Stage};
@@ -12,7 +11,7 @@ use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
 use crate::settings::Settings;
 use rayon::prelude::*;
-use shading::Shading;
+use std::f32::consts::PI;
 
 /// Linear radiance in W·sr⁻¹·m⁻², row by row from the top left.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +35,9 @@ impl Frame {
     /// Samples per pixel unless another number is asked for.
     pub const SAMPLES: u32 = 16;
 
+    /// Width and height in pixels unless others are asked for.
+    pub const SIZE: [u32; 2] = [640, 480];
+
     /// A picture of this size in pixels.
     pub fn new(width: u32, height: u32) -> Frame {
         Frame { width, height, samples: Frame::SAMPLES, seed: Settings::SEED }
@@ -46,7 +48,7 @@ impl Frame {
     }
 }
 
-/// Draws one image per shading, all from the same rays.
+/// Draws one image per field, all from the same rays. What a ray meets shows L + ρH/π by its own material.
 ///
 /// The samples of a pixel are stratified over its square and averaged: a box filter. Rays that
 /// leave the scene or meet the back of a one-sided triangle are black.
@@ -55,10 +57,10 @@ pub fn render(
     mesh: &PatchMesh,
     camera: &Camera,
     frame: &Frame,
-    shadings: &[&dyn Shading],
+    fields: &[&dyn IrradianceField],
     progress: &dyn Progress,
 ) -> Vec<Image> {
-    let row_length = frame.width as usize * shadings.len();
+    let row_length = frame.width as usize * fields.len();
     progress.begin(Stage::Render, Some(frame.height as u64));
     let mut rows = vec![Rgb::ZERO; row_length * frame.height as usize];
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
@@ -68,18 +70,18 @@ pub fn render(
             if progress.is_stopped() {
                 return;
             }
-            for (x, pixel) in row.chunks_mut(shadings.len()).enumerate() {
-                work.draw(caster, mesh, camera, frame, (x, y), shadings, pixel);
+            for (x, pixel) in row.chunks_mut(fields.len()).enumerate() {
+                work.draw(caster, mesh, camera, frame, (x, y), fields, pixel);
             }
             progress.advance(1);
         },
     );
     progress.end();
-    (0..shadings.len())
+    (0..fields.len())
         .map(|s| Image {
             width: frame.width,
             height: frame.height,
-            pixels: rows.iter().skip(s).step_by(shadings.len()).copied().collect(),
+            pixels: rows.iter().skip(s).step_by(fields.len()).copied().collect(),
         })
         .collect()
 }
@@ -91,10 +93,10 @@ pub fn pixel(
     camera: &Camera,
     frame: &Frame,
     at: (usize, usize),
-    shading: &dyn Shading,
+    field: &dyn IrradianceField,
 ) -> Rgb {
     let mut pixel = [Rgb::ZERO];
-    Work::default().draw(caster, mesh, camera, frame, at, &[shading], &mut pixel);
+    Work::default().draw(caster, mesh, camera, frame, at, &[field], &mut pixel);
     pixel[0]
 }
 
@@ -104,10 +106,11 @@ struct Work<'m> {
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
     points: Vec<SurfacePoint<'m>>,
+    irradiance: Vec<Rgb>,
 }
 
 impl<'m> Work<'m> {
-    /// Sets `pixel` to the mean radiance of its samples, one entry per shading.
+    /// Sets `pixel` to the mean radiance of its samples, one entry per field.
     #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once per pixel")]
     fn draw(
         &mut self,
@@ -116,7 +119,7 @@ impl<'m> Work<'m> {
         camera: &Camera,
         frame: &Frame,
         (x, y): (usize, usize),
-        shadings: &[&dyn Shading],
+        fields: &[&dyn IrradianceField],
         pixel: &mut [Rgb],
     ) {
         let (width, height) = (frame.width as f32, frame.height as f32);
@@ -132,9 +135,15 @@ impl<'m> Work<'m> {
         let met = samples.filter_map(|(ray, hit)| SurfacePoint::hit(mesh, ray, &(*hit)?));
         self.points.clear();
         self.points.extend(met);
-        for (sum, shading) in pixel.iter_mut().zip(shadings) {
-            *sum = shading.sum(&self.points);
+        self.irradiance.resize(self.points.len(), Rgb::ZERO);
+        for (pixel, field) in pixel.iter_mut().zip(fields) {
+            field.irradiance(&self.points, &mut self.irradiance);
+            let met = self.points.iter().zip(&self.irradiance);
+            let sum = met.fold(Rgb::ZERO, |sum, (point, &irradiance)| {
+                let material = &mesh.scene.materials[point.side.material.0 as usize];
+                sum + (material.radiance + material.reflectance * irradiance / PI)
+            });
+            *pixel = sum / frame.samples as f32;
         }
-        pixel.iter_mut().for_each(|sum| *sum /= frame.samples as f32);
     }
 }

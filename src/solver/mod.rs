@@ -1,7 +1,7 @@
 //! Solving B_i = S_i + ρ_i Σ_j F_ij B_j for the radiosity B.
 //!
 //! S is the exitance E where the matrix carries all light, or the reflected direct light ρD where
-//! that was estimated apart (see [`direct`](crate::form_factor::direct)). Three methods, one file
+//! that was estimated apart (see [`direct`](crate::direct)). Three methods, one file
 //! each; all stop at the same measure of what is left.
 
 mod gauss_seidel;

@@ -1,10 +1,10 @@
 //! What each layer costs, on the Cornell box: `cargo bench`, or `cargo bench -- draw` for one.
 
 use divan::{Bencher, black_box};
+use isolux::field::Interpolated;
 use isolux::form_factor::{Estimator, Rows};
 use isolux::geometry::{Ray, RayCaster};
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
-use isolux::render::smooth::VertexIrradiance;
 use isolux::sampling::{PointSet, Purpose, Stream};
 use isolux::settings::PatchSettings;
 use isolux::{Document, Frame, Scene, Settings, Solution, Tracer, View};
@@ -87,14 +87,14 @@ fn gather_once_through_2304_rows(bencher: Bencher) {
 fn carry_irradiance_to_vertices(bencher: Bencher) {
     let solution = solution();
     let mesh = solution.patches();
-    let (irradiance, uncovered) = (&solution.irradiance, &solution.uncovered);
-    bencher.bench(|| VertexIrradiance::new(&mesh, irradiance, uncovered, View::CREASE));
+    let (irradiance, uncovered) = (solution.irradiance(), solution.uncovered());
+    bencher.bench(|| Interpolated::new(&mesh, irradiance, uncovered, View::CREASE));
 }
 
 #[divan::bench(sample_count = 10)]
 fn draw_256_by_256_pixels_of_16_samples(bencher: Bencher) {
     let solution = solution();
-    let (view, tracer) = (solution.smooth(View::CREASE), Tracer::build(&solution.scene));
+    let (view, tracer) = (solution.smooth(View::CREASE), Tracer::build(solution.scene()));
     bencher.bench(|| view.draw(&tracer, &solution.camera, &Frame::new(256, 256), &()));
 }
 

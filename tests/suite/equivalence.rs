@@ -5,13 +5,12 @@ use glam::Vec3;
 use isolux::bvh::Bvh;
 use isolux::color::Rgb;
 use isolux::equivalence::{Cause, Pair, Pipeline};
+use isolux::field::{Constant, Interpolated, IrradianceField};
 use isolux::form_factor::{Estimator, ExchangeMatrix, Rows, Transport};
 use isolux::geometry::{Hit, MollerTrumbore, Ray, RayCaster, Triangle};
 use isolux::oracle::{Device, EmbreeScene, Isa, Options, Packets};
 use isolux::patches::{PatchId, PatchMesh, Subdivision};
 use isolux::radiosity::{self, Choices, Method, Radiosity, Solver};
-use isolux::render::shading::{Flat, Shading, Smooth};
-use isolux::render::smooth::VertexIrradiance;
 use isolux::render::{Frame, Image, render};
 use isolux::sampling::PointSet;
 use isolux::scene::{Camera, Document, Scene};
@@ -75,7 +74,7 @@ fn light(caster: &dyn RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity 
 }
 
 fn draw(caster: &dyn RayCaster, mesh: &PatchMesh, from: &Document, light: &Radiosity) -> Image {
-    let flat = Flat::new(mesh, &light.irradiance, &vec![1.0; mesh.len()]);
+    let flat = Constant::new(&light.irradiance, &vec![1.0; mesh.len()]);
     let frame = Frame { width: 96, height: 96, samples: 4, seed: 3 };
     let camera = from.camera.as_ref().expect("a camera");
     render(caster, mesh, camera, &frame, &[&flat], &()).remove(0)
@@ -243,14 +242,13 @@ impl RayCaster for OnGrid<'_> {
 /// Flat and smooth.
 fn grid_pictures(caster: &dyn RayCaster, mesh: &PatchMesh, light: &Radiosity) -> [Image; 2] {
     let shares = vec![1.0; mesh.len()];
-    let flat = Flat::new(mesh, &light.irradiance, &shares);
-    let vertices = VertexIrradiance::new(mesh, &light.irradiance, &shares, 30.0);
-    let smooth = Smooth::new(mesh, vertices);
-    let shadings: [&dyn Shading; 2] = [&flat, &smooth];
+    let flat = Constant::new(&light.irradiance, &shares);
+    let smooth = Interpolated::new(mesh, &light.irradiance, &shares, 30.0);
+    let fields: [&dyn IrradianceField; 2] = [&flat, &smooth];
     let camera = grid_camera();
     let frame = Frame { width: 96, height: 96, samples: 4, seed: 3 };
     let (caster, quiet) = (OnGrid(caster), ());
-    let pictures = render(&caster, mesh, &camera, &frame, &shadings, &quiet);
+    let pictures = render(&caster, mesh, &camera, &frame, &fields, &quiet);
     pictures.try_into().expect("two pictures")
 }
 

@@ -11,6 +11,7 @@ use crate::patches::{PatchMesh, Subdivision};
 use crate::radiosity::Choices;
 use crate::render::{Frame, tone};
 use crate::scene::{Camera, Document, Scene};
+use crate::settings;
 use crate::settings::{PatchSettings, Settings};
 use crate::verify::survey::Peer;
 use crate::verify::{Arithmetic, Judge};
@@ -21,7 +22,7 @@ use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 
 /// More than a usual picture takes is not done here.
-const MOST_PATCHES: usize = Subdivision::DEFAULT_COUNT;
+const MOST_PATCHES: usize = settings::PATCHES;
 const MOST_SAMPLES: u32 = Frame::SAMPLES;
 
 /// The result, for programs.

@@ -9,18 +9,19 @@
 //! Where a finely split triangle meets a coarser one, the fine one's extra vertices along the common
 //! edge take the value that the coarse one interpolates there: without it the picture would crack.
 
+use super::IrradianceField;
 use crate::color::{Rgb, Rgb64};
 use crate::patches::{Cell, PatchMesh, Side, SurfacePoint};
 use crate::scene::groups::Groups;
 
 /// Irradiance in W·m⁻² at the lattice points of every side.
-pub struct VertexIrradiance {
+pub struct Interpolated {
     values: Vec<Rgb>,
     /// Per side: where its lattice begins.
     first: Vec<usize>,
 }
 
-impl VertexIrradiance {
+impl Interpolated {
     /// `irradiance` in W·m⁻² and the uncovered share of its area, per patch; `crease` in degrees.
     pub fn new(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64], crease: f32) -> Self {
         let mut lattices = Lattices::of(mesh, irradiance, uncovered);
@@ -30,16 +31,16 @@ impl VertexIrradiance {
             lattices.join_edge(mesh, seam);
         }
         let values = lattices.sums.iter().map(|sum| sum.mean()).collect();
-        let mut vertices = VertexIrradiance { values, first: lattices.first };
+        let mut vertices = Interpolated { values, first: lattices.first };
         for seam in &seams {
             vertices.close_crack(mesh, seam);
         }
         vertices
     }
 
-    /// Interpolated within the point's patch.
+    /// H at a point, interpolated within its patch.
     #[inline]
-    pub fn at(&self, point: &SurfacePoint) -> Rgb {
+    fn at(&self, point: &SurfacePoint) -> Rgb {
         let first = self.first[point.side_number];
         let [a, b, c] = point
             .cell
@@ -61,6 +62,14 @@ impl VertexIrradiance {
                 let fraction = (k % step) as f32 / step as f32;
                 self.values[value] = self.values[start].lerp(self.values[end], fraction);
             }
+        }
+    }
+}
+
+impl IrradianceField for Interpolated {
+    fn irradiance(&self, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
+        for (point, irradiance) in at.iter().zip(irradiance) {
+            *irradiance = self.at(point);
         }
     }
 }
@@ -264,16 +273,16 @@ mod tests {
         scene(vec![Triangle::new(b, a, far), Triangle::new(folded, a, b)])
     }
 
-    fn vertices(mesh: &PatchMesh, irradiance: &[Rgb64], crease: f32) -> VertexIrradiance {
-        VertexIrradiance::new(mesh, irradiance, &vec![1.0; mesh.len()], crease)
+    fn vertices(mesh: &PatchMesh, irradiance: &[Rgb64], crease: f32) -> Interpolated {
+        Interpolated::new(mesh, irradiance, &vec![1.0; mesh.len()], crease)
     }
 
-    fn at_corner(v: &VertexIrradiance, mesh: &PatchMesh, side: usize, i: u32, j: u32) -> Rgb {
+    fn at_corner(v: &Interpolated, mesh: &PatchMesh, side: usize, i: u32, j: u32) -> Rgb {
         v.values[v.first[side] + lattice_index(mesh.sides()[side].level, (i, j))]
     }
 
     /// Both sides' values at the same fraction of the common edge.
-    fn along_edge(v: &VertexIrradiance, mesh: &PatchMesh, fraction: f32) -> [Rgb; 2] {
+    fn along_edge(v: &Interpolated, mesh: &PatchMesh, fraction: f32) -> [Rgb; 2] {
         // The edge is p0–p1 on side 0 (from b to a) and p1–p2 on side 1 (from a to b).
         let value = |side: usize, u: f32, w: f32| {
             let level = mesh.sides()[side].level;
@@ -347,11 +356,11 @@ mod tests {
         let scene = fold(0.0);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
         let values = [3.0, 1.5].map(Rgb64::splat);
-        let v = VertexIrradiance::new(&mesh, &values, &[1.0, 0.5], 30.0);
+        let v = Interpolated::new(&mesh, &values, &[1.0, 0.5], 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
         // Covered everywhere, the second triangle says nothing about the common edge.
         let values = [3.0, 0.0].map(Rgb64::splat);
-        let v = VertexIrradiance::new(&mesh, &values, &[1.0, 0.0], 30.0);
+        let v = Interpolated::new(&mesh, &values, &[1.0, 0.0], 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
     }
 

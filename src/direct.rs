@@ -1,0 +1,74 @@
+//! Light that arrives straight from the emitters.
+//!
+//! A small lamp fills little of a patch's hemisphere, so few of its rays would find it. Sampling
+//! points of the lamp instead (next-event estimation, as path tracers call it) separates the first
+//! bounce from the others: with D_i = Σ_j F_ij E_j known, the reflected part B′ = B − E of the
+//! radiosity solves
+//!
+//! ```text
+//! B′_i = ρ_i D_i + ρ_i Σ_j F_ij B′_j,
+//! ```
+//!
+//! the same equation with the lit patches as its emitters.
+
+use crate::color::Rgb64;
+use crate::form_factor::Estimator;
+use crate::geometry::Ray;
+use crate::light::{Facet, Light};
+use crate::patches::PatchId;
+use crate::progress::Stage;
+use crate::sampling::{PointSet, Purpose, Stream};
+use rayon::prelude::*;
+
+impl Estimator<'_> {
+    /// D_i = Σ_j F_ij E_j in W·m⁻² for every patch, from `samples` points each.
+    pub fn direct_light(&self, light: &dyn Light) -> Vec<Rgb64> {
+        self.progress.begin(Stage::DirectLight, Some(self.mesh.len() as u64));
+        let light = (0..self.mesh.len())
+            .into_par_iter()
+            .map_init(DirectWork::default, |work, i| {
+                if i % 64 == 0 {
+                    self.progress.advance(64);
+                }
+                // What is left undone is never read: the solution ends with an error.
+                let stopped = self.progress.is_stopped();
+                if stopped { Rgb64::ZERO } else { work.direct(self, light, PatchId(i as u32)) }
+            })
+            .collect();
+        self.progress.end();
+        light
+    }
+
+    /// D_i of one patch, as [`direct_light`](Self::direct_light) would give it.
+    pub fn direct_light_of(&self, light: &dyn Light, i: PatchId) -> Rgb64 {
+        DirectWork::default().direct(self, light, i)
+    }
+}
+
+/// One thread's buffers.
+#[derive(Default)]
+struct DirectWork {
+    segments: Vec<Ray>,
+    /// The light that each segment brings if clear.
+    light: Vec<Rgb64>,
+    blocked: Vec<bool>,
+}
+
+impl DirectWork {
+    fn direct(&mut self, of: &Estimator, light: &dyn Light, i: PatchId) -> Rgb64 {
+        let patch = Facet::patch(of.mesh, i);
+        let stream = Stream::new(of.seed, Purpose::DirectLight, i.0 as u64, PointSet::Sobol);
+        self.segments.clear();
+        self.light.clear();
+        for k in 0..of.samples {
+            if let Some(sample) = light.sample(&patch, stream.point(k)) {
+                self.segments.push(sample.segment);
+                self.light.push(sample.irradiance);
+            }
+        }
+        of.caster.occluded_batch(&self.segments, &mut self.blocked);
+        of.count_rays(self.segments.len());
+        let clear = self.light.iter().zip(&self.blocked).filter(|(_, blocked)| !**blocked);
+        clear.map(|(light, _)| *light).sum::<Rgb64>() / of.samples as f64
+    }
+}

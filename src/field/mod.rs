@@ -1,0 +1,19 @@
+//! Irradiance at any point of a surface, from the irradiance of the patches.
+//!
+//! Everything that shows light asks an [`IrradianceField`]: in a diffuse scene each way to draw is
+//! another estimate of H at points. The material is applied at the point itself, so it stays sharp
+//! whatever the field does.
+
+mod constant;
+mod interpolated;
+
+use crate::color::Rgb;
+use crate::patches::SurfacePoint;
+pub use constant::Constant;
+pub use interpolated::Interpolated;
+
+/// H as a function of the point. A new way to look at light implements this.
+pub trait IrradianceField: Send + Sync {
+    /// Sets `irradiance` to H in W·m⁻², one per point. The slices have one length.
+    fn irradiance(&self, at: &[SurfacePoint], irradiance: &mut [Rgb]);
+}
