@@ -1,6 +1,7 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
 use super::obj::text::{decode, read_bytes};
+use super::read::is_model;
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -168,7 +169,7 @@ impl Document {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         match extension.as_deref() {
             Some("toml") => Document::read(path),
-            Some("obj") => Ok(Document::bare(path)),
+            _ if is_model(path) => Ok(Document::bare(path)),
             _ => Err(Error::new("this is neither a scene description nor a model")
                 .in_file(path)
                 .remedy("name a .toml description or an .obj model")),

@@ -1,5 +1,6 @@
 //! Diffuse materials.
 
+use super::texture::Map;
 use crate::color::Rgb;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +18,16 @@ pub struct Material {
     pub radiance: Rgb,
     /// Whether the back reflects and emits as the front does. Else the back is black.
     pub two_sided: bool,
+    /// Multiplies the reflectance.
+    pub reflectance_map: Option<Map>,
+    /// Multiplies the radiance.
+    pub radiance_map: Option<Map>,
+    /// The share of light that does not go straight through, in [0, 1].
+    pub opacity: f32,
+    /// Multiplies the opacity, by the opacity of the texture's pixels.
+    pub opacity_map: Option<Map>,
+    /// Opacities below this count as 0 and the others as 1; `None`: they are shares.
+    pub opacity_cutoff: Option<f32>,
 }
 
 impl Material {
@@ -27,6 +38,11 @@ impl Material {
             reflectance: Rgb::splat(0.5),
             radiance: Rgb::ZERO,
             two_sided: false,
+            reflectance_map: None,
+            radiance_map: None,
+            opacity: 1.0,
+            opacity_map: None,
+            opacity_cutoff: None,
         }
     }
 
@@ -34,6 +50,12 @@ impl Material {
     pub(crate) fn is_possible(&self) -> bool {
         let reflects = self.reflectance.to_array().iter().all(|x| (0.0..1.0).contains(x));
         reflects && self.radiance.is_finite() && self.radiance.cmpge(Rgb::ZERO).all()
+    }
+
+    /// The uses of textures.
+    pub(crate) fn maps_mut(&mut self) -> impl Iterator<Item = &mut Map> {
+        let maps = [&mut self.reflectance_map, &mut self.radiance_map, &mut self.opacity_map];
+        maps.into_iter().flatten()
     }
 
     pub fn emits(&self) -> bool {

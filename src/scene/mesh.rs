@@ -3,6 +3,7 @@
 //!
 //! Light needs none of it. It is kept so that results can go back to the faces that a user knows.
 
+use crate::color::Rgb;
 use crate::geometry::TriangleId;
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,8 @@ pub struct Mesh {
     pub texture: Option<PerCorner<Vec2>>,
     /// Shading normals (`vn`) as the file gives them, of any length; None if no face has any.
     pub normals: Option<PerCorner<Vec3>>,
+    /// Linear colours that multiply the reflectance; None if no face has any.
+    pub colors: Option<PerCorner<Rgb>>,
 }
 
 /// The face that a triangle was cut from. A polygon becomes several triangles with one origin.
@@ -105,6 +108,7 @@ impl Mesh {
         self.origins.extend(more.origins.into_iter().map(shifted));
         PerCorner::append(&mut self.texture, before, more.texture, count);
         PerCorner::append(&mut self.normals, before, more.normals, count);
+        PerCorner::append(&mut self.colors, before, more.colors, count);
     }
 
     /// Leaves out the triangles that are not `kept`. The others keep their face numbers.
@@ -116,6 +120,9 @@ impl Mesh {
         if let Some(normals) = &mut self.normals {
             retain(&mut normals.numbers, kept);
         }
+        if let Some(colors) = &mut self.colors {
+            retain(&mut colors.numbers, kept);
+        }
     }
 
     /// Whether this can belong to a scene with that number of triangles, and no index points outside
@@ -125,6 +132,7 @@ impl Mesh {
             && self.origins.iter().all(|origin| (origin.part as usize) < self.parts.len())
             && self.texture.as_ref().is_none_or(|texture| texture.fits(triangles))
             && self.normals.as_ref().is_none_or(|normals| normals.fits(triangles))
+            && self.colors.as_ref().is_none_or(|colors| colors.fits(triangles))
     }
 }
 
@@ -141,8 +149,7 @@ mod tests {
         Mesh {
             origins: (1..=faces).map(|face| Origin { face, part: 0 }).collect(),
             parts: vec![Part { model: 0, object: Some(object.into()), group: None }],
-            texture: None,
-            normals: None,
+            ..Mesh::default()
         }
     }
 

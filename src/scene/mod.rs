@@ -6,7 +6,10 @@ pub(crate) mod groups;
 pub(crate) mod inspect;
 pub mod material;
 pub mod mesh;
+mod model;
 pub(crate) mod obj;
+mod read;
+pub mod texture;
 pub mod topology;
 
 use crate::color::luminance;
@@ -15,11 +18,14 @@ use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 pub use camera::Camera;
 pub use document::Document;
+use glam::DVec3;
 pub use material::{Material, MaterialId};
 pub use mesh::Mesh;
+use model::Model;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+pub use texture::{Map, Texture, TextureId};
 use topology::Topology;
 
 /// Triangles with their materials, all of them with an area above zero.
@@ -31,10 +37,15 @@ pub struct Scene {
     /// One per triangle.
     pub material_of: Arc<[MaterialId]>,
     pub materials: Arc<[Material]>,
+    /// The pictures that the materials' maps name.
+    pub textures: Arc<[Texture]>,
     /// The faces of the model files that the triangles come from.
     pub mesh: Arc<Mesh>,
     /// Triangles without area, left out of everything.
     pub degenerate: usize,
+    /// The place in the model files' coordinates that is the origin here: zero, except where the models lie
+    /// so far away that f32 would lose digits.
+    pub origin: DVec3,
     /// Length of a unit of the coordinates.
     pub metres_per_unit: f64,
     #[serde(skip)]
@@ -78,7 +89,9 @@ impl Scene {
             triangles: triangles.into(),
             material_of: material_of.into(),
             materials: materials.into(),
+            textures: Arc::default(),
             mesh: mesh.into(),
+            origin: DVec3::ZERO,
             metres_per_unit: 1.0,
             warnings: Vec::new(),
             files: Vec::new(),
@@ -93,22 +106,37 @@ impl Scene {
     /// Whatever is wrong with a file, or no triangle with an area, or coordinates so large or so
     /// small that f32 products would leave their range.
     pub fn load(description: &Document) -> Result<Scene> {
-        let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
-        let (mut mesh, mut warnings, mut files) = (Mesh::default(), Vec::new(), Vec::new());
         let replaced = description.overridden_reflectances();
-        for (number, path) in (0..).zip(&description.models) {
-            let model = obj::load(path, |name| replaced.contains(name))?;
+        let load = |path: &PathBuf| read::load(path, |name| replaced.contains(name));
+        let models = description.models.iter().map(load).collect::<Result<Vec<Model>>>()?;
+        let origin = origin_of(&models);
+        let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
+        let (mut mesh, mut textures) = (Mesh::default(), vec![]);
+        let (mut warnings, mut files) = (Vec::new(), Vec::new());
+        for (number, mut model) in (0..).zip(models) {
+            let at = |corner: u32| (model.positions[corner as usize] - origin).as_vec3();
+            triangles.extend(model.triangles.iter().map(|corners| Triangle { p: corners.map(at) }));
             let offset = materials.len() as u32;
-            triangles.extend(model.triangles.into_iter().map(|p| Triangle { p }));
             material_of.extend(model.material_of.iter().map(|m| MaterialId(m.0 + offset)));
+            let maps = model.materials.iter_mut().flat_map(Material::maps_mut);
+            maps.for_each(|map| map.texture.0 += textures.len() as u32);
             materials.extend(model.materials);
+            textures.extend(model.textures);
             mesh.append(number, model.mesh);
             warnings.extend(model.warnings);
-            files.extend(model.libraries);
+            files.extend(model.files);
+        }
+        if origin != DVec3::ZERO {
+            warnings.push(Warning::new(format!(
+                "the coordinates are large: computed relative to {}, {}, {}, and given back as they are",
+                origin.x, origin.y, origin.z
+            )));
         }
         description.override_materials(&mut materials)?;
 
         let mut scene = Scene::with_mesh(triangles, material_of, materials, mesh);
+        scene.textures = textures.into();
+        scene.origin = origin;
         scene.metres_per_unit = description.metres_per_unit;
         if scene.degenerate > 0 {
             warnings.push(Warning::new(format!(
@@ -201,6 +229,22 @@ impl Scene {
         Ok(())
     }
 }
+
+/// A round place near models that lie far from the origin, compared with their own size; else zero.
+fn origin_of(models: &[Model]) -> DVec3 {
+    let positions = || models.iter().flat_map(|model| &model.positions);
+    let (min, max) = positions().fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(*p), b.max(*p)));
+    let (size, away) = ((max - min).max_element(), min.abs().max(max.abs()).max_element());
+    if !(size > 0.0 && away > FAR * size) {
+        return DVec3::ZERO;
+    }
+    // Ten to thirty times the size: with a round number the file's decimals stay what they are.
+    let step = 10f64.powf((10.0 * size).log10().ceil());
+    (0.5 * (min + max) / step).round() * step
+}
+
+/// Times its own size: farther away from the origin a scene is moved.
+const FAR: f64 = 64.0;
 
 #[cfg(test)]
 mod tests {

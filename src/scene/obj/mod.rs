@@ -13,33 +13,15 @@ mod triangulate;
 
 use super::material::{Material, MaterialId};
 use super::mesh::{Mesh, Origin, PerCorner};
-use crate::error::{Error, Result, Warning};
-use glam::Vec3;
+use super::model::Model;
+use crate::error::{Error, Result};
 use mtl_files::read_library;
 use mtl_materials::{Role, materials};
 use mtl_reader::Library;
 use reader::{ObjFile, read_obj};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use text::{decode, read_bytes};
 use triangulate::Triangulator;
-
-/// A model as it was read, in the unit of length of the file.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Model {
-    /// In file order, counter-clockwise as seen from the front; never empty. Coordinates are
-    /// finite and at most 1e12. Triangles without area are still among them.
-    pub triangles: Vec<[Vec3; 3]>,
-    /// For each triangle, the index of its material.
-    pub material_of: Vec<MaterialId>,
-    /// Those of the MTL files, used or not; then those that only the OBJ file names; last the
-    /// default, if a face has no material at all.
-    pub materials: Vec<Material>,
-    /// The faces that the triangles come from.
-    pub mesh: Mesh,
-    /// The MTL files that were read.
-    pub libraries: Vec<PathBuf>,
-    pub warnings: Vec<Warning>,
-}
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
 ///
@@ -63,9 +45,9 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     if used[default] {
         materials.push(Material::fallback());
     }
-    let (triangles, mesh) = cut(obj);
-    let material_of = mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
-    Ok(Model { triangles, material_of, materials, mesh, libraries: library.files, warnings })
+    let model = cut(obj);
+    let material_of = model.mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
+    Ok(Model { material_of, materials, files: library.files, warnings, ..model })
 }
 
 fn text_of(path: &Path) -> Result<String> {
@@ -88,7 +70,7 @@ fn materials_of_faces(obj: &ObjFile, library: &Library) -> Vec<MaterialId> {
 }
 
 /// Cuts the faces into triangles, in file order.
-fn cut(obj: ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
+fn cut(obj: ObjFile) -> Model {
     let (mut triangles, mut origins) = (Vec::new(), Vec::new());
     let (mut texture, mut normals) = (Vec::new(), Vec::new());
     let mut triangulator = Triangulator::new();
@@ -102,7 +84,7 @@ fn cut(obj: ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
         cuts.clear();
         triangulator.triangulate(&polygon, &mut cuts);
         for cut in &cuts {
-            triangles.push(cut.map(|k| polygon[k]));
+            triangles.push(cut.map(|k| corners[k].position - 1));
             origins.push(Origin { face: number, part: face.part });
             texture.push(cut.map(|k| corners[k].texture));
             normals.push(cut.map(|k| corners[k].normal));
@@ -110,7 +92,8 @@ fn cut(obj: ObjFile) -> (Vec<[Vec3; 3]>, Mesh) {
     }
     let texture = PerCorner::new(obj.texture, texture);
     let normals = PerCorner::new(obj.normals, normals);
-    (triangles, Mesh { origins, parts: obj.parts, texture, normals })
+    let mesh = Mesh { origins, parts: obj.parts, texture, normals, colors: None };
+    Model { positions: obj.positions, triangles, mesh, ..Model::default() }
 }
 
 #[cfg(test)]
@@ -119,6 +102,7 @@ mod tests {
 
     use super::*;
     use crate::color::Rgb;
+    use glam::DVec3;
 
     const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
@@ -147,6 +131,10 @@ mod tests {
         load_files(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl.as_bytes())])
     }
 
+    fn corners(model: &Model, triangle: usize) -> [DVec3; 3] {
+        model.triangles[triangle].map(|corner| model.positions[corner as usize])
+    }
+
     fn names(model: &Model) -> Vec<&str> {
         model.materials.iter().map(|material| material.name.as_str()).collect()
     }
@@ -159,8 +147,8 @@ mod tests {
         assert_eq!(model.material_of, [2, 1, 1, 0].map(MaterialId));
         assert_eq!(names(&model), ["a", "b", "default"]);
         assert_eq!(model.materials[1].radiance, Rgb::splat(3.0));
-        assert_eq!(model.triangles[2], [Vec3::X, Vec3::Y, Vec3::ZERO]);
-        assert_eq!(model.triangles[3], [Vec3::Y, Vec3::X, Vec3::ZERO]);
+        assert_eq!(corners(&model, 2), [DVec3::X, DVec3::Y, DVec3::ZERO]);
+        assert_eq!(corners(&model, 3), [DVec3::Y, DVec3::X, DVec3::ZERO]);
         assert_eq!(warnings.len(), 1, "{warnings:?}");
     }
 
@@ -169,7 +157,8 @@ mod tests {
         let obj = "o x\nusemtl a\nf 1 2 3\no y\nf 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\nmtllib a.mtl\n";
         let files: [(&str, &[u8]); 2] = [("a.obj", obj.as_bytes()), ("a.mtl", b"newmtl a\nKd 0.1")];
         let (model, warnings) = load_files(&files).unwrap();
-        assert_eq!(model.triangles, [[Vec3::ZERO, Vec3::X, Vec3::Y]; 2]);
+        assert_eq!(model.triangles.len(), 2);
+        assert_eq!(corners(&model, 1), [DVec3::ZERO, DVec3::X, DVec3::Y]);
         assert_eq!(model.materials[0].reflectance, Rgb::splat(0.1));
         assert!(warnings.is_empty(), "{warnings:?}");
     }
@@ -178,7 +167,7 @@ mod tests {
     fn windows_lines_weights_colours_and_foreign_comments_are_read() {
         let obj = b"\xef\xbb\xbf# caf\xe9\r\nv 0 0 0 1 1 1\r\nv 2 0 0 2\r\nv 0 1 0\r\nf 1// 2/1 \\\r\n3\r\n";
         let (model, _) = load_files(&[("a.obj", obj)]).unwrap();
-        assert_eq!(model.triangles, [[Vec3::ZERO, Vec3::X, Vec3::Y]]);
+        assert_eq!(corners(&model, 0), [DVec3::ZERO, DVec3::X, DVec3::Y]);
     }
 
     #[test]
@@ -307,7 +296,9 @@ mod tests {
             fs::write(&mtl_path, mtl).unwrap();
             let Ok(model) = load(&path, |_| false) else { continue };
             loaded += 1;
-            assert!(model.triangles.as_flattened().iter().all(|corner| corner.is_finite()));
+            let exists = |corner: &u32| (*corner as usize) < model.positions.len();
+            assert!(model.positions.iter().all(|position| position.is_finite()));
+            assert!(model.triangles.as_flattened().iter().all(exists));
             assert_eq!(model.triangles.len(), model.material_of.len());
             assert!(model.material_of.iter().all(|id| (id.0 as usize) < model.materials.len()));
         }

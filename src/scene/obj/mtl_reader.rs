@@ -184,7 +184,7 @@ fn read_by_tobj(numbers: [&str; 3]) -> Option<Rgb> {
 
 /// Finds out why the words are no colour.
 fn wrong_color(keyword: &str, given: &[&str]) -> Error {
-    let malformed = given.iter().find_map(|word| number(word).err());
+    let malformed = given.iter().find_map(|word| number::<f32>(word).err());
     malformed.unwrap_or_else(|| {
         Error::new(format!("`{keyword}` takes 1 or 3 numbers, this one has {}", given.len()))
             .remedy(format!("write `{keyword} r g b`"))

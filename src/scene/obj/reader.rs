@@ -10,12 +10,12 @@ use super::ignored::LeftAside;
 use super::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
 use crate::error::{Error, Result, Warning};
 use crate::scene::mesh::Part;
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// An OBJ file as it was read. Every index is within its list.
 #[derive(Debug, Default)]
 pub(super) struct ObjFile {
-    pub positions: Vec<Vec3>,
+    pub positions: Vec<DVec3>,
     pub texture: Vec<Vec2>,
     pub normals: Vec<Vec3>,
     /// Never empty.
@@ -230,7 +230,7 @@ impl Reader {
 }
 
 /// `v x y z`, `v x y z w`, or `v x y z r g b` with perhaps an opacity. Colours are dropped.
-fn position(rest: &str) -> Result<Vec3> {
+fn position(rest: &str) -> Result<DVec3> {
     let mut values = [0.0; 7];
     let mut count = 0;
     for word in words(rest) {
@@ -245,7 +245,7 @@ fn position(rest: &str) -> Result<Vec3> {
         4 => values[3],
         _ => return Err(wrong_vertex(count)),
     };
-    weighted(Vec3::from_slice(&values), w)
+    weighted(DVec3::from_slice(&values), w)
 }
 
 fn wrong_vertex(count: usize) -> Error {
@@ -253,13 +253,13 @@ fn wrong_vertex(count: usize) -> Error {
         .remedy("write `v x y z`, `v x y z w` or `v x y z r g b`")
 }
 
-fn weighted(coordinates: Vec3, w: f32) -> Result<Vec3> {
+fn weighted(coordinates: DVec3, w: f64) -> Result<DVec3> {
     if w == 0.0 {
         return Err(Error::new("the weight w is 0, so the vertex is infinitely far away")
             .remedy("delete w, or set it to 1"));
     }
     let position = coordinates / w;
-    match position.to_array().into_iter().find(|x| x.abs() > LARGEST) {
+    match position.to_array().into_iter().find(|x| x.abs() > LARGEST as f64) {
         Some(x) => Err(Error::new(format!("coordinate {x:e} is larger than {LARGEST:e}"))
             .remedy("scale the model down, for instance from millimetres to metres")),
         None => Ok(position),
@@ -351,7 +351,7 @@ mod tests {
     fn indices_count_from_the_beginning_or_backwards() {
         let text = "f 1/1/1 2//2 \\\n -1 # corner\nv 1 1 1 1 0 0\nf 5 -1 1\nv 2 2 2 2\n";
         let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        assert_eq!(file.positions[3..], [Vec3::ONE; 2]);
+        assert_eq!(file.positions[3..], [DVec3::ONE; 2]);
         let numbers: Vec<u32> = file.corners.iter().map(|corner| corner.position).collect();
         assert_eq!(numbers, [1, 2, 3, 5, 4, 1]);
     }

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 
 /// Largest magnitude that a number of a model may have. Products of a few such numbers, as in the
 /// form-factor kernel, still fit into `f32`.
-pub(super) const LARGEST: f32 = 1e12;
+pub(crate) const LARGEST: f32 = 1e12;
 
 /// A binary file shows within this number of bytes that it is not text.
 const HEAD: usize = 4096;
@@ -84,13 +84,30 @@ pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
 }
 
 /// Reads a finite number. The error lacks file and line; the caller knows them.
-pub(super) fn number(word: &str) -> Result<f32> {
-    match word.parse::<f32>() {
+pub(super) fn number<T: Float>(word: &str) -> Result<T> {
+    match word.parse::<T>() {
         Ok(value) if value.is_finite() => Ok(value),
         Ok(_) => Err(Error::new(format!("{} is not a finite number", quote(word)))
             .remedy("correct the number, or export the model again")),
         Err(_) => Err(Error::new(format!("{} is not a number", quote(word)))
             .remedy("write numbers like 1, -0.5 or 2e-3")),
+    }
+}
+
+/// A floating-point number of either width.
+pub(super) trait Float: std::str::FromStr {
+    fn is_finite(&self) -> bool;
+}
+
+impl Float for f32 {
+    fn is_finite(&self) -> bool {
+        f32::is_finite(*self)
+    }
+}
+
+impl Float for f64 {
+    fn is_finite(&self) -> bool {
+        f64::is_finite(*self)
     }
 }
 
@@ -154,7 +171,7 @@ mod tests {
     #[test]
     fn infinite_overflowing_and_undefined_numbers_are_refused() {
         for word in ["inf", "-infinity", "NaN", "1e39", "1,5", "1.#QNAN", "", "0x10"] {
-            assert!(number(word).is_err(), "{word}");
+            assert!(number::<f32>(word).is_err(), "{word}");
         }
         assert_eq!(number("-.5e1"), Ok(-5.0));
     }

@@ -2,7 +2,7 @@
 
 use earcut::Earcut;
 use earcut::utils3d::project3d_to_2d;
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3};
 
 /// A triangle by its corners, which are indices into the polygon, in the direction of the polygon.
 type Cut = [usize; 3];
@@ -31,7 +31,7 @@ impl Triangulator {
     ///
     /// The polygon may be concave and need not be quite planar. A polygon without area becomes
     /// triangles without area.
-    pub(super) fn triangulate(&mut self, polygon: &[Vec3], cuts: &mut Vec<Cut>) {
+    pub(super) fn triangulate(&mut self, polygon: &[DVec3], cuts: &mut Vec<Cut>) {
         if polygon.len() == 3 || !self.flatten(polygon) {
             cuts.extend(fan(polygon.len(), 0));
             return;
@@ -51,9 +51,9 @@ impl Triangulator {
 
     /// Projects the polygon into its plane, where it runs counter-clockwise; false where its
     /// Newell normal is zero.
-    fn flatten(&mut self, polygon: &[Vec3]) -> bool {
-        let origin = polygon[0].as_dvec3();
-        let offset = |vertex: &Vec3| vertex.as_dvec3() - origin;
+    fn flatten(&mut self, polygon: &[DVec3]) -> bool {
+        let origin = polygon[0];
+        let offset = |vertex: &DVec3| *vertex - origin;
         let size = polygon.iter().map(|v| offset(v).abs().max_element()).fold(0.0, f64::max);
         if size == 0.0 {
             return false;
@@ -94,12 +94,14 @@ fn twice_area(corners: [[f64; 2]; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     type Triangle = [Vec3; 3];
 
     fn triangulate(polygon: &[Vec3]) -> Vec<Triangle> {
         let mut cuts = Vec::new();
-        Triangulator::new().triangulate(polygon, &mut cuts);
+        let exact: Vec<DVec3> = polygon.iter().map(|p| p.as_dvec3()).collect();
+        Triangulator::new().triangulate(&exact, &mut cuts);
         cuts.into_iter().map(|cut| cut.map(|k| polygon[k])).collect()
     }
 

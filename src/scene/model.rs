@@ -1,0 +1,33 @@
+//! A model as one of the readers gives it, whatever its format.
+
+use super::camera::Camera;
+use super::material::{Material, MaterialId};
+use super::mesh::Mesh;
+use super::texture::Texture;
+use crate::error::Warning;
+use glam::{DVec3, Vec3};
+use std::path::PathBuf;
+
+/// A model in the coordinates and the unit of length of its file.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Model {
+    /// Finite and at most 1e12.
+    pub positions: Vec<DVec3>,
+    /// The triangles in file order, as indices into `positions`, counter-clockwise as seen from the front.
+    /// Never empty. Triangles without area are still among them.
+    pub triangles: Vec<[u32; 3]>,
+    /// Per triangle, the index of its material.
+    pub material_of: Vec<MaterialId>,
+    pub materials: Vec<Material>,
+    /// The pictures that the materials' maps name.
+    pub textures: Vec<Texture>,
+    /// The faces that the triangles come from.
+    pub mesh: Mesh,
+    /// The files that were read beside the model's own.
+    pub files: Vec<PathBuf>,
+    pub warnings: Vec<Warning>,
+    /// The file's own cameras by name, in its order.
+    pub views: Vec<(String, Camera)>,
+    /// The direction that the format says is up, or `None` where it leaves that open.
+    pub up: Option<Vec3>,
+}
