@@ -21,8 +21,9 @@ use crate::sampling::{PointSet, Purpose, Stream};
 use rayon::prelude::*;
 
 impl Estimator<'_> {
-    /// D_i = Σ_j F_ij E_j in W·m⁻² for every patch, from `samples` points each.
-    pub fn direct_light(&self, light: &dyn Light) -> Vec<Rgb64> {
+    /// The irradiance that comes straight from a light, D_i in W·m⁻², of every patch, from `samples` points
+    /// each. Lights with different purposes use different random numbers.
+    pub fn direct_light(&self, light: &dyn Light, purpose: Purpose) -> Vec<Rgb64> {
         self.progress.begin(Stage::DirectLight, Some(self.mesh.len() as u64));
         let light = (0..self.mesh.len())
             .into_par_iter()
@@ -32,7 +33,11 @@ impl Estimator<'_> {
                 }
                 // What is left undone is never read: the solution ends with an error.
                 let stopped = self.progress.is_stopped();
-                if stopped { Rgb64::ZERO } else { work.direct(self, light, PatchId(i as u32)) }
+                if stopped {
+                    Rgb64::ZERO
+                } else {
+                    work.direct(self, light, purpose, PatchId(i as u32))
+                }
             })
             .collect();
         self.progress.end();
@@ -40,8 +45,8 @@ impl Estimator<'_> {
     }
 
     /// D_i of one patch, as [`direct_light`](Self::direct_light) would give it.
-    pub fn direct_light_of(&self, light: &dyn Light, i: PatchId) -> Rgb64 {
-        DirectWork::default().direct(self, light, i)
+    pub fn direct_light_of(&self, light: &dyn Light, purpose: Purpose, i: PatchId) -> Rgb64 {
+        DirectWork::default().direct(self, light, purpose, i)
     }
 }
 
@@ -55,9 +60,9 @@ struct DirectWork {
 }
 
 impl DirectWork {
-    fn direct(&mut self, of: &Estimator, light: &dyn Light, i: PatchId) -> Rgb64 {
+    fn direct(&mut self, of: &Estimator, light: &dyn Light, purpose: Purpose, i: PatchId) -> Rgb64 {
         let patch = Facet::patch(of.mesh, i);
-        let stream = Stream::new(of.seed, Purpose::DirectLight, i.0 as u64, PointSet::Sobol);
+        let stream = Stream::new(of.seed, purpose, i.0 as u64, PointSet::Sobol);
         self.segments.clear();
         self.light.clear();
         for k in 0..of.samples {

@@ -100,8 +100,10 @@ pub mod error;
 mod export;
 pub mod field;
 pub mod form_factor;
+mod framing;
 pub mod geometry;
 pub mod light;
+mod lit_sides;
 mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;

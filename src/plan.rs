@@ -1,8 +1,11 @@
 //! From a scene and its settings to its solution.
 
+use crate::color::Rgb;
 use crate::coverage;
 use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
+use crate::light::{EmittingTriangles, Light, UniformSky};
+use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Subdivision};
 use crate::progress::Progress;
 use crate::radiosity::{self, Choices};
@@ -12,10 +15,12 @@ use crate::solution::Solution;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A scene's patches and every choice of method, made before the first ray is cast.
+/// How finely a scene is split and every choice of method, made before the first ray is cast.
 pub struct Plan<'d> {
     document: &'d Document,
-    mesh: Arc<PatchMesh>,
+    scene: Scene,
+    /// Per triangle.
+    levels: Vec<u32>,
     choices: Choices,
 }
 
@@ -44,15 +49,30 @@ impl<'d> Plan<'d> {
             seed: settings.seed,
         };
         let of_document = |error: Error| error.in_file_if_none(&document.file);
-        let mesh =
-            PatchMesh::subdivide(scene, Subdivision::of(&settings.patches)).map_err(of_document)?;
-        let choices = Choices::new(&settings, &mesh).map_err(of_document)?;
-        Ok(Plan { document, mesh: mesh.into(), choices })
+        let levels = Subdivision::of(&settings.patches).levels(scene).map_err(of_document)?;
+        let choices = Choices::new(&settings, scene).map_err(of_document)?;
+        Ok(Plan { document, scene: scene.clone(), levels, choices })
     }
 
-    /// Rays that the light takes, at most: how thoroughly a hierarchy should be built.
+    /// Rays that the light takes, about: how thoroughly a hierarchy should be built.
     pub fn rays(&self) -> u64 {
-        self.choices.expected_rays(&self.mesh)
+        self.choices.expected_rays(self.levels.iter().map(|&level| 1 << (2 * level)).sum())
+    }
+
+    /// The patches of the sides that light can reach.
+    ///
+    /// # Errors
+    /// More patches than can be numbered.
+    pub fn patches(&self, caster: &dyn RayCaster) -> Result<PatchMesh> {
+        let emitters = EmittingTriangles::of(&self.scene);
+        let sky = UniformSky::new(self.scene.sky);
+        let mut lights: Vec<&dyn Light> = vec![&emitters];
+        if self.scene.sky != Rgb::ZERO {
+            lights.push(&sky);
+        }
+        let sides = lit_sides(&self.scene, caster, &lights, self.choices.seed);
+        PatchMesh::new(&self.scene, &self.levels, &sides)
+            .map_err(|error| error.in_file_if_none(&self.document.file))
     }
 
     /// Solves the light. `caster` must know the scene's triangles.
@@ -64,14 +84,15 @@ impl<'d> Plan<'d> {
         caster: &dyn RayCaster,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
-        let light = radiosity::solve(caster, &self.mesh, &self.choices, progress)
+        let mesh = Arc::new(self.patches(caster)?);
+        let light = radiosity::solve(caster, &mesh, &self.choices, progress)
             .map_err(|error| error.in_file_if_none(&self.document.file))?;
         let start = Instant::now();
-        let (uncovered, cover_rays) = coverage::uncovered(caster, &self.mesh, progress);
+        let (uncovered, cover_rays) = coverage::uncovered(caster, &mesh, progress);
         if progress.is_stopped() {
             return Err(Error::stopped());
         }
-        let camera = self.document.view(&self.mesh.scene, caster);
+        let camera = self.document.view(&self.scene, &mesh.sides_of_triangles(), caster);
         let spent = Spent {
             rays: light.rays + cover_rays,
             transport: light.transport_time,
@@ -79,7 +100,7 @@ impl<'d> Plan<'d> {
             coverage: start.elapsed(),
         };
         let solution =
-            Solution::new(self.document, &self.mesh, &self.choices, (light, uncovered), camera);
+            Solution::new(self.document, &mesh, &self.choices, (light, uncovered), camera);
         Ok((solution, spent))
     }
 }

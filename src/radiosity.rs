@@ -1,16 +1,17 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
-use crate::color::Rgb64;
+use crate::color::{Rgb, Rgb64};
 use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{
     Estimator, ExchangeMatrix, HemisphereRows, OnDemand, Row, Rows, Transport, row_sum_defect,
 };
 use crate::geometry::RayCaster;
-use crate::light::EmittingTriangles;
+use crate::light::{EmittingTriangles, Light, UniformSky};
 use crate::memory;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
-use crate::sampling::PointSet;
+use crate::sampling::{PointSet, Purpose};
+use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::{DIRECT_SAMPLES, HEMISPHERE_RAYS, MEMORY_PERCENT, PAIR_SAMPLES, TOLERANCE};
 pub use crate::settings::{Method, Solver};
@@ -38,11 +39,11 @@ pub struct Choices {
 }
 
 impl Choices {
-    /// Fills in what the settings leave open by the defaults that suit the patches.
+    /// Fills in what the settings leave open by the defaults that suit the scene.
     ///
     /// # Errors
     /// A number of regular points that is no square.
-    pub fn new(settings: &Settings, mesh: &PatchMesh) -> Result<Choices> {
+    pub fn new(settings: &Settings, scene: &Scene) -> Result<Choices> {
         let light = &settings.light;
         let method = light.form_factors.unwrap_or_default();
         let samples = light.samples.unwrap_or(match method {
@@ -54,7 +55,7 @@ impl Choices {
             return Err(Error::new(format!("{samples} regular points"))
                 .remedy("a triangle splits regularly into 1, 4, 9, 16, … parts: give a square"));
         }
-        let sampled = method == Method::Hemisphere && has_small_emitters(mesh);
+        let sampled = method == Method::Hemisphere && has_small_emitters(scene) && scene.emits();
         let tolerance = Stop::Tolerance(light.tolerance.unwrap_or(TOLERANCE));
         Ok(Choices {
             method,
@@ -73,20 +74,23 @@ impl Choices {
 
     /// At most how many rays a solution takes, with n patches: for each `samples` and `direct_samples` by
     /// hemispheres, or `samples` for each of n²/2 pairs.
-    pub fn expected_rays(&self, mesh: &PatchMesh) -> u64 {
-        let patches = mesh.len() as u64;
+    pub fn expected_rays(&self, patches: u64) -> u64 {
         let of_each = match self.method {
             Method::Pairs => (patches / 2).saturating_mul(self.samples as u64),
             Method::Hemisphere => self.samples as u64,
         };
-        patches.saturating_mul(of_each.saturating_add(self.direct_samples as u64))
+        patches
+            .saturating_mul(of_each.saturating_add(self.direct_samples as u64 + SKY_SAMPLES as u64))
     }
 }
 
 /// Power per channel in watts.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Energy {
+    /// By surfaces.
     pub emitted: Rgb64,
+    /// By the sky, as far as it meets a surface.
+    pub from_sky: Rgb64,
     /// By fronts that the light reached.
     pub absorbed: Rgb64,
     /// By the black backs of one-sided triangles. `None` where the form factors do not tell it from what
@@ -127,8 +131,8 @@ const BYTES_PER_PATCH: u64 = 320;
 const SMALL_EMITTERS: f64 = 0.1;
 
 /// Whether the emitters are so small a part of the scene that they should be sampled themselves.
-fn has_small_emitters(mesh: &PatchMesh) -> bool {
-    EmittingTriangles::of(mesh).area() <= SMALL_EMITTERS * mesh.scene.area()
+fn has_small_emitters(scene: &Scene) -> bool {
+    EmittingTriangles::of(scene).area() <= SMALL_EMITTERS * scene.area()
 }
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
@@ -141,41 +145,28 @@ pub fn solve(
     settings: &Choices,
     progress: &dyn Progress,
 ) -> Result<Radiosity> {
-    if !mesh.scene.emits() {
+    if !mesh.scene.emits() && mesh.scene.sky == Rgb::ZERO {
         return Err(Error::new("nothing in the scene emits light: the picture would be black")
             .of_kind(ErrorKind::Dark)
             .remedy(
                 "give a material an emission: Ke in the MTL file, or radiance in the scene \
-                     description's [materials.NAME]",
+                     description's [materials.NAME]; or leave the sky as it is",
             ));
     }
     check_memory(mesh, settings)?;
     let start = Instant::now();
     let exitance: Vec<Rgb64> =
         (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
-
-    let direct = (settings.direct_samples > 0).then(|| {
-        let estimator = Estimator::new(
-            caster,
-            mesh,
-            settings.direct_samples,
-            PointSet::Sobol,
-            settings.seed,
-            progress,
-        );
-        (estimator.direct_light(&EmittingTriangles::of(mesh)), estimator.rays())
-    });
-    let (direct, direct_rays) = direct.unzip();
-    go_on(progress)?;
+    let direct = direct_light(caster, mesh, settings, progress)?;
 
     let estimator =
         Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, progress);
-    let source = match &direct {
-        None => exitance.clone(),
-        Some(direct) => (0..mesh.len())
-            .map(|i| mesh.reflectance(PatchId(i as u32)).as_dvec3() * direct[i])
-            .collect(),
-    };
+    let source = (0..mesh.len())
+        .map(|i| {
+            let reflected = mesh.reflectance(PatchId(i as u32)).as_dvec3() * direct.irradiance(i);
+            if direct.has_emitters() { reflected } else { exitance[i] + reflected }
+        })
+        .collect();
     let problem = Problem::new(mesh, source);
     let method = match settings.solver {
         Solver::Jacobi => Some(MatrixMethod::Jacobi),
@@ -199,17 +190,69 @@ pub fn solve(
             (transport_time, solution, reciprocity)
         }
     };
-    let light = balance(mesh, &exitance, direct.as_deref(), solution, reciprocity_defect, |i| {
+    let light = balance(mesh, &exitance, &direct, solution, reciprocity_defect, |i| {
         row(&estimator, settings.method, i)
     });
     // Only now: the balance may have traced rows that shooting never needed.
-    let rays = estimator.rays() + direct_rays.unwrap_or(0);
+    let rays = estimator.rays() + direct.rays;
     Ok(light.timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
 fn go_on(progress: &dyn Progress) -> Result<()> {
     if progress.is_stopped() { Err(Error::stopped()) } else { Ok(()) }
 }
+
+/// Light that arrives straight from sources, per patch, in W·m⁻².
+#[derive(Default)]
+struct DirectLight {
+    /// From the surfaces that emit; `None` where the form factors carry their light.
+    from_emitters: Option<Vec<Rgb64>>,
+    from_sky: Option<Vec<Rgb64>>,
+    rays: u64,
+}
+
+impl DirectLight {
+    fn has_emitters(&self) -> bool {
+        self.from_emitters.is_some()
+    }
+
+    fn from_sky(&self, i: usize) -> Rgb64 {
+        self.from_sky.as_ref().map_or(Rgb64::ZERO, |light| light[i])
+    }
+
+    fn irradiance(&self, i: usize) -> Rgb64 {
+        self.from_emitters.as_ref().map_or(Rgb64::ZERO, |light| light[i]) + self.from_sky(i)
+    }
+}
+
+fn direct_light(
+    caster: &dyn RayCaster,
+    mesh: &PatchMesh,
+    settings: &Choices,
+    progress: &dyn Progress,
+) -> Result<DirectLight> {
+    let mut direct = DirectLight::default();
+    let seed = settings.seed;
+    let mut sample = |light: &dyn Light, samples, purpose| -> Result<Vec<Rgb64>> {
+        let estimator = Estimator::new(caster, mesh, samples, PointSet::Sobol, seed, progress);
+        let light = estimator.direct_light(light, purpose);
+        direct.rays += estimator.rays();
+        go_on(progress).map(|()| light)
+    };
+    let (emitters, samples) = (EmittingTriangles::of(&mesh.scene), settings.direct_samples);
+    let from_emitters = match samples {
+        0 => None,
+        _ => Some(sample(&emitters, samples, Purpose::DirectLight)?),
+    };
+    let from_sky = match mesh.scene.sky {
+        Rgb::ZERO => None,
+        sky => Some(sample(&UniformSky::new(sky), SKY_SAMPLES, Purpose::Sky)?),
+    };
+    Ok(DirectLight { from_emitters, from_sky, ..direct })
+}
+
+/// Directions to the sky that are tried from each patch.
+pub(crate) const SKY_SAMPLES: u32 = 256;
 
 /// Works out what will be stored, before any of it is.
 fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {
@@ -290,7 +333,7 @@ fn row(of: &Estimator, method: Method, i: PatchId) -> Row {
 fn balance(
     mesh: &PatchMesh,
     exitance: &[Rgb64],
-    direct: Option<&[Rgb64]>,
+    direct: &DirectLight,
     solution: Converged,
     reciprocity_defect: Option<f64>,
     missing_row: impl Fn(PatchId) -> Row,
@@ -304,25 +347,27 @@ fn balance(
         mut on_backs,
         reception_sums,
     } = solution;
-    if let Some(direct) = direct {
-        for i in 0..mesh.len() {
+    for i in 0..mesh.len() {
+        if direct.has_emitters() {
             radiosity[i] += exitance[i];
-            irradiance[i] += direct[i];
         }
+        irradiance[i] += direct.irradiance(i);
     }
     let square_metres = mesh.scene.metres_per_unit.powi(2);
-    let (emitted, absorbed, escaped) = (Rgb64::ZERO, Rgb64::ZERO, Rgb64::ZERO);
-    let mut energy = Energy { emitted, absorbed, on_backs: None, escaped };
+    let (emitted, from_sky) = (Rgb64::ZERO, Rgb64::ZERO);
+    let (absorbed, escaped) = (Rgb64::ZERO, Rgb64::ZERO);
+    let mut energy = Energy { emitted, from_sky, absorbed, on_backs: None, escaped };
     for i in 0..mesh.len() {
         let patch = PatchId(i as u32);
         let area = mesh.area(patch) * square_metres;
         // Shooting never needs the row of an emitter whose light was sampled apart.
-        if direct.is_some() && row_sums[i].is_none() && exitance[i] != Rgb64::ZERO {
+        if direct.has_emitters() && row_sums[i].is_none() && exitance[i] != Rgb64::ZERO {
             let row = missing_row(patch);
             row_sums[i] = Some(row.sum());
             on_backs[i] = row.on_backs;
         }
         energy.emitted += exitance[i] * area;
+        energy.from_sky += direct.from_sky(i) * area;
         energy.absorbed += (1.0 - mesh.reflectance(patch).as_dvec3()) * irradiance[i] * area;
         let lost = radiosity[i] * area * row_sums[i].map_or(0.0, |sum| 1.0 - sum);
         let met_backs = on_backs[i].map(|share| radiosity[i] * area * share);

@@ -39,6 +39,8 @@ pub enum Purpose {
     Pixel,
     Verify,
     Bench,
+    LitSides,
+    Sky,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

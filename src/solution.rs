@@ -13,7 +13,7 @@
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
-use crate::patches::PatchMesh;
+use crate::patches::{PatchMesh, Sides};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::document::{ImageDefaults, is_view_name};
@@ -31,6 +31,8 @@ pub struct Solution {
     scene: Scene,
     /// How often each triangle is split; see [`PatchMesh::levels`].
     levels: Vec<u32>,
+    /// The sides of each triangle that have patches.
+    sides: Vec<Sides>,
     /// H in W·m⁻², per patch.
     irradiance: Vec<Rgb64>,
     /// The uncovered share of the area, in [0, 1], per patch; see `coverage`.
@@ -68,7 +70,7 @@ pub struct Figures {
 }
 
 const MAGIC: &[u8] = b"isolux light\n";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: usize = MAGIC.len() + 8;
 
 impl Solution {
@@ -88,6 +90,7 @@ impl Solution {
             title: document.title.clone(),
             scene: mesh.scene.clone(),
             levels: mesh.levels(),
+            sides: mesh.sides_of_triangles(),
             irradiance: light.irradiance,
             uncovered,
             figures: Figures {
@@ -101,7 +104,7 @@ impl Solution {
             },
             choices: *choices,
             camera,
-            views: document.views.clone(),
+            views: views_of(document, &mesh.scene),
             image: document.image.clone(),
             known_patches: Arc::new(mesh.clone().into()),
         }
@@ -113,7 +116,7 @@ impl Solution {
         let of = |bytes: postcard::Result<Vec<u8>>| {
             crc32fast::hash(&bytes.expect("numbers, strings and lists"))
         };
-        let scene = postcard::to_stdvec(&(&self.scene, &self.levels));
+        let scene = postcard::to_stdvec(&(&self.scene, &self.levels, &self.sides));
         [of(scene), of(postcard::to_stdvec(&self.choices))]
     }
 
@@ -131,7 +134,8 @@ impl Solution {
 
     /// The scene's patches, numbered as the irradiance is.
     pub fn patches(&self) -> Arc<PatchMesh> {
-        let make = || PatchMesh::from_levels(&self.scene, &self.levels).expect("checked levels");
+        let make =
+            || PatchMesh::new(&self.scene, &self.levels, &self.sides).expect("they were checked");
         self.known_patches.get_or_init(|| make().into()).clone()
     }
 
@@ -147,7 +151,7 @@ impl Solution {
 
     /// The factor from radiance to display with which a picture is neither dark nor burnt out.
     pub fn exposure(&self, image: &Image) -> f32 {
-        let automatic = || tone::automatic_exposure(image, self.scene.dimmest_emitter());
+        let automatic = || tone::automatic_exposure(image);
         self.image.exposure.unwrap_or_else(automatic)
     }
 
@@ -227,7 +231,7 @@ impl Solution {
             return Err(contradiction());
         }
         // Counted before any patch is made.
-        let patches = PatchMesh::count(scene, &self.levels)?;
+        let patches = PatchMesh::count(scene, &self.levels, &self.sides)?;
         let is_light = |h: &Rgb64| h.is_finite() && h.cmpge(Rgb64::ZERO).all();
         let means_something = self.irradiance.len() == patches
             && self.uncovered.len() == patches
@@ -248,6 +252,11 @@ impl Solution {
 fn contradiction() -> Error {
     Error::new("the light file contradicts itself")
         .remedy("make it again: isolux solve SCENE -o ROOM.light")
+}
+
+/// Those of the model files, and those of the document, which replace files' with their name.
+pub(crate) fn views_of(document: &Document, scene: &Scene) -> BTreeMap<String, Camera> {
+    scene.views.iter().cloned().chain(document.views.clone()).collect()
 }
 
 pub(crate) fn view_of<'v>(views: &'v BTreeMap<String, Camera>, name: &str) -> Result<&'v Camera> {
@@ -287,6 +296,7 @@ mod tests {
             reciprocity_defect: None,
             energy: Energy {
                 emitted: Rgb64::ONE,
+                from_sky: Rgb64::ZERO,
                 absorbed: Rgb64::ZERO,
                 on_backs: None,
                 escaped: Rgb64::ONE,
@@ -298,7 +308,7 @@ mod tests {
         let camera = Camera::new(Vec3::Z, Vec3::ZERO, Vec3::Y, 40.0, 0.0).expect("a camera");
         let light = (light, vec![1.0; 16]);
         let document = Document::open("one.obj").expect("a name is enough");
-        let choices = Choices::new(&Settings::default(), &mesh).expect("the defaults");
+        let choices = Choices::new(&Settings::default(), &scene).expect("the defaults");
         Solution {
             choices: Choices { memory_limit: None, ..choices },
             ..Solution::new(&document, &mesh, &choices, light, camera)

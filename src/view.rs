@@ -48,7 +48,8 @@ impl View {
     ) -> Result<Vec<Image>> {
         let Some(first) = views.first() else { return Ok(Vec::new()) };
         let fields: Vec<&dyn IrradianceField> = views.iter().map(|view| &*view.field).collect();
-        let images = render(caster, &first.mesh, camera, frame, &fields, progress);
+        let camera = camera.placed(first.mesh.scene.origin);
+        let images = render(caster, &first.mesh, &camera, frame, &fields, progress);
         if progress.is_stopped() { Err(Error::stopped()) } else { Ok(images) }
     }
 }

@@ -1,14 +1,16 @@
 //! The arguments of `isolux render` and `isolux solve`.
 
+use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
 use crate::render::Frame;
 use crate::scene::Camera;
-use crate::scene::document::is_view_name;
+use crate::scene::Document;
+use crate::scene::document::{is_radiance, is_view_name};
 use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings, Settings};
 use crate::view::View;
 use clap::ValueEnum;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::path::PathBuf;
 
 /// Solve a scene's radiosity and draw it.
@@ -45,8 +47,15 @@ pub(super) struct RenderArguments {
     #[arg(long, value_name = "FACTOR", value_parser = parse_positive, help_heading = "Picture")]
     pub exposure: Option<f32>,
 
+    /// Radiance behind the scene: one number or R,G,B [default: the sky's]
+    #[arg(long, value_name = "RADIANCE", value_parser = parse_radiance, help_heading = "Picture")]
+    pub background: Option<Rgb>,
+
     #[command(flatten)]
     pub look: ViewArguments,
+
+    #[command(flatten)]
+    pub scenery: SceneArguments,
 
     #[command(flatten)]
     pub light: LightArguments,
@@ -67,17 +76,17 @@ pub(super) struct ViewArguments {
     /// Look from here, in the scene's coordinates [default: the scene's camera, else one that is fitted]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
           requires = "look_at", help_heading = "Picture")]
-    position: Option<Vec3>,
+    position: Option<DVec3>,
 
     /// Look at this point
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
           requires = "position", help_heading = "Picture")]
-    look_at: Option<Vec3>,
+    look_at: Option<DVec3>,
 
-    /// The direction that is up in the picture
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true,
-          requires = "position", help_heading = "Picture")]
-    up: Option<Vec3>,
+    /// What is up in the picture: x, y, z, or a direction [default: as the model's format says, else guessed]
+    #[arg(long, value_name = "x|y|z|X,Y,Z", value_parser = parse_up, allow_hyphen_values = true,
+          help_heading = "Picture")]
+    pub up: Option<Vec3>,
 
     /// Vertical field of view in degrees
     #[arg(
@@ -99,6 +108,64 @@ impl ViewArguments {
         };
         let up = self.up.unwrap_or(Camera::USUAL_UP);
         Camera::new(position, look_at, up, self.fov.unwrap_or(Camera::USUAL_FOV), 0.0).map(Some)
+    }
+}
+
+/// What is assumed about a scene, whatever its files say.
+#[derive(Clone, Default, PartialEq, clap::Args)]
+pub(super) struct SceneArguments {
+    /// Let a material shine with this radiance in W/(sr·m²): one number or R,G,B; a name may end in *
+    #[arg(long, value_name = "MATERIAL=RADIANCE", value_parser = parse_emission,
+          allow_hyphen_values = true, help_heading = "Scene")]
+    emit: Vec<(String, Rgb)>,
+
+    /// Radiance of the sky in W/(sr·m²): one number or R,G,B; 0 is none [default: the scene's, else 1 if
+    /// nothing else shines]
+    #[arg(long, value_name = "RADIANCE", value_parser = parse_radiance, help_heading = "Scene")]
+    sky: Option<Rgb>,
+
+    /// Surfaces reflect on the side from which they are counter-clockwise; the other is black
+    #[arg(long, help_heading = "Scene")]
+    one_sided: bool,
+}
+
+impl SceneArguments {
+    /// Writes what was asked for into the document.
+    pub(super) fn apply(&self, document: &mut Document) {
+        document.emissions.extend(self.emit.iter().cloned());
+        document.sky = self.sky.or(document.sky);
+        document.one_sided |= self.one_sided;
+    }
+}
+
+fn parse_emission(text: &str) -> std::result::Result<(String, Rgb), String> {
+    let parts = text.rsplit_once('=').filter(|(name, _)| !name.is_empty());
+    let (name, radiance) = parts.ok_or("expected a material and its radiance such as lamp=10")?;
+    Ok((name.into(), parse_radiance(radiance)?))
+}
+
+/// One number for all channels, or three.
+fn parse_radiance(text: &str) -> std::result::Result<Rgb, String> {
+    let expected = "expected one number of at least 0, or three with commas between";
+    let numbers: Vec<f32> = text
+        .split(',')
+        .map(|x| x.trim().parse().map_err(|_| expected))
+        .collect::<std::result::Result<_, _>>()?;
+    let rgb = match numbers[..] {
+        [grey] => Rgb::splat(grey),
+        [r, g, b] => Rgb::new(r, g, b),
+        _ => return Err(expected.into()),
+    };
+    if is_radiance(rgb) { Ok(rgb) } else { Err(expected.into()) }
+}
+
+/// An axis by its letter, or a direction.
+fn parse_up(text: &str) -> std::result::Result<Vec3, String> {
+    match text {
+        "x" => Ok(Vec3::X),
+        "y" => Ok(Vec3::Y),
+        "z" => Ok(Vec3::Z),
+        _ => parse_point(text).map(|up| up.as_vec3()),
     }
 }
 
@@ -177,10 +244,10 @@ fn parse_view(text: &str) -> std::result::Result<String, String> {
     }
 }
 
-fn parse_point(text: &str) -> std::result::Result<Vec3, String> {
-    let numbers: Vec<f32> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+fn parse_point(text: &str) -> std::result::Result<DVec3, String> {
+    let numbers: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
     match numbers[..] {
-        [x, y, z] if text.split(',').count() == 3 => Ok(Vec3::new(x, y, z)),
+        [x, y, z] if text.split(',').count() == 3 => Ok(DVec3::new(x, y, z)),
         _ => Err("expected three numbers such as 1,2.5,-3".into()),
     }
 }

@@ -9,8 +9,9 @@ use crate::bvh::Bvh;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_writable, write_all};
 use crate::geometry::{MollerTrumbore, Ray};
+use crate::patches::Sides;
 use crate::progress::{self, Progress};
-use crate::scene::{Camera, Document, Scene};
+use crate::scene::{Document, Scene};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 use std::fmt::Write;
@@ -82,12 +83,9 @@ fn stage(scene: &Path, seed: u64) -> Result<BenchScene> {
     let description = Document::open(scene)?;
     let loaded = Scene::load(&description)?;
     warn(&loaded.warnings);
-    let triangles = loaded.triangles;
-    let camera = match description.camera {
-        Some(camera) => camera,
-        None => Camera::fitted(&triangles, &Bvh::<MollerTrumbore>::build(triangles.clone())),
-    };
-    Ok(BenchScene { name: description.title, triangles, camera })
+    let caster = Bvh::<MollerTrumbore>::build(loaded.triangles.clone());
+    let camera = description.view(&loaded, &Sides::of_all(&loaded), &caster);
+    Ok(BenchScene { name: description.title, triangles: loaded.triangles, camera })
 }
 
 /// The measurements, for programs.

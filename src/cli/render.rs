@@ -1,6 +1,6 @@
 //! `isolux render`: from a scene to pictures.
 
-use super::arguments::{LightArguments, RenderArguments, ShadingName};
+use super::arguments::{LightArguments, RenderArguments, SceneArguments, ShadingName};
 use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
@@ -14,7 +14,7 @@ use crate::render::{Frame, Image};
 use crate::scene::document::{ImageDefaults, MAX_SIZE};
 use crate::scene::{Camera, Document, Scene};
 use crate::settings::Settings;
-use crate::solution::{Solution, view_of};
+use crate::solution::{Solution, view_of, views_of};
 use crate::view::View;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
@@ -51,10 +51,14 @@ struct Run<'a> {
 impl Run<'_> {
     fn show_light(&self) -> Result<()> {
         let arguments = self.arguments;
-        if arguments.light != LightArguments::default() {
+        let changed = arguments.light != LightArguments::default()
+            || arguments.scenery != SceneArguments::default();
+        if changed {
             return Err(Error::new("the light of a .light file is solved already")
                 .in_file(&arguments.scene)
-                .remedy("leave the options of light out, or render the scene itself"));
+                .remedy(
+                    "leave the options of the scene and its light out, or render the scene itself",
+                ));
         }
         check_overwriting(arguments, &self.pictures, &[&arguments.scene])?;
         let solution = Solution::load(&arguments.scene)?;
@@ -68,13 +72,15 @@ impl Run<'_> {
 
     fn solve_and_show(&self) -> Result<()> {
         let arguments = self.arguments;
-        let document = Document::open(&arguments.scene)?;
+        let mut document = Document::open(&arguments.scene)?;
+        arguments.scenery.apply(&mut document);
+        document.up = arguments.look.up.or(document.up);
         check_overwriting(arguments, &self.pictures, &document.inputs())?;
-        let views = self.pictures.iter().filter_map(|picture| picture.view.as_deref());
-        for name in views {
-            view_of(&document.views, name).map_err(|error| error.in_file(&document.file))?;
-        }
         let scene = document.scene()?;
+        let known = views_of(&document, &scene);
+        for name in self.pictures.iter().filter_map(|picture| picture.view.as_deref()) {
+            view_of(&known, name).map_err(|error| error.in_file(&document.file))?;
+        }
         let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
         check_overwriting(arguments, &self.pictures, &files)?;
         warn(&scene.warnings);
@@ -91,8 +97,9 @@ impl Run<'_> {
 
     /// `seed` counts unless another is given.
     fn frame(&self, image: &ImageDefaults, seed: u64) -> Result<Frame> {
-        let RenderArguments { size, spp, run, .. } = self.arguments;
+        let RenderArguments { size, spp, run, background, .. } = self.arguments;
         frame(*size, *spp, run.seed.unwrap_or(seed), image, self.pictures.len())
+            .map(|frame| Frame { background: *background, ..frame })
             .map_err(|error| error.in_file_if_none(&self.arguments.scene))
     }
 
@@ -230,7 +237,7 @@ pub(super) fn frame(
     if samples == 0 {
         return Err(Error::new("0 samples per pixel").remedy("give at least one"));
     }
-    Ok(Frame { width, height, samples, seed })
+    Ok(Frame { samples, seed, ..Frame::new(width, height) })
 }
 
 /// The images of the pictures, in their order. `camera` comes before the solution's own.

@@ -53,6 +53,8 @@ pub(super) struct Seconds {
 #[derive(Serialize)]
 pub(super) struct EnergyBalance {
     emitted: [f64; 3],
+    /// `null` without a sky.
+    from_sky: Option<[f64; 3]>,
     absorbed: [f64; 3],
     /// `null` where it is not known apart from what escaped.
     on_backs: Option<[f64; 3]>,
@@ -77,6 +79,7 @@ impl From<Energy> for EnergyBalance {
     fn from(energy: Energy) -> Self {
         EnergyBalance {
             emitted: energy.emitted.to_array(),
+            from_sky: (energy.from_sky != Rgb64::ZERO).then(|| energy.from_sky.to_array()),
             absorbed: energy.absorbed.to_array(),
             on_backs: energy.on_backs.map(|power| power.to_array()),
             escaped: energy.escaped.to_array(),
@@ -151,6 +154,9 @@ impl Report {
             ),
         );
         line("emitted", watts(self.energy.emitted));
+        if let Some(power) = self.energy.from_sky {
+            line("from the sky", watts(power));
+        }
         line("absorbed", watts(self.energy.absorbed));
         if let Some(power) = self.energy.on_backs {
             line("on backs", watts(power));

@@ -1,6 +1,6 @@
 //! `isolux solve`: from a scene to its light, kept for as many pictures as one likes.
 
-use super::arguments::{LightArguments, RunArguments};
+use super::arguments::{LightArguments, RunArguments, SceneArguments};
 use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
@@ -23,6 +23,9 @@ pub(super) struct Arguments {
     output: PathBuf,
 
     #[command(flatten)]
+    scenery: SceneArguments,
+
+    #[command(flatten)]
     light: LightArguments,
 
     #[command(flatten)]
@@ -39,7 +42,8 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
         std::iter::once(arguments.output.as_path()).chain(arguments.run.stats.as_deref()).collect();
     check_ending(&arguments.output)?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
-    let document = Document::open(&arguments.scene)?;
+    let mut document = Document::open(&arguments.scene)?;
+    arguments.scenery.apply(&mut document);
     check_distinct(&outputs, &document.inputs())?;
     let scene = document.scene()?;
     let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();

@@ -14,7 +14,8 @@ use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 #[cfg(feature = "embree")]
 use crate::oracle::{Device, Isa};
-use crate::scene::{Camera, Document, Scene};
+use crate::patches::Sides;
+use crate::scene::{Document, Scene};
 use crate::verify::bounds::Arithmetic;
 use crate::verify::grid::{Grid, GridFinding};
 use crate::verify::leaks::{Leaks, leaks};
@@ -145,10 +146,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     warn(&scene.warnings);
 
     let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
-    let camera = match &description.camera {
-        Some(camera) => camera.clone(),
-        None => Camera::fitted(&scene.triangles, &native),
-    };
+    let camera = description.view(&scene, &Sides::of_all(&scene), &native);
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, oracle) = peers(&scene.triangles, embree)?;
     let scenery = (&description, &scene, &camera);

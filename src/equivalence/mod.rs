@@ -11,18 +11,18 @@ mod picture;
 #[cfg(test)]
 mod tests;
 
-use crate::color::Rgb64;
+use crate::color::{Rgb, Rgb64};
 use crate::coverage::{uncovered, uncovered_share};
 use crate::error::Result;
 use crate::field::{Constant, Interpolated, IrradianceField};
 use crate::form_factor::{Estimator, OnDemand, Rows};
 use crate::geometry::RayCaster;
-use crate::light::EmittingTriangles;
+use crate::light::{EmittingTriangles, Light, UniformSky};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
-use crate::radiosity::{self, Choices};
+use crate::radiosity::{self, Choices, SKY_SAMPLES};
 use crate::render::{Frame, Image, pixel, render};
-use crate::sampling::PointSet;
+use crate::sampling::{PointSet, Purpose};
 use crate::scene::Camera;
 pub use comparing_caster::{Cause, Pair};
 use comparing_caster::{Detail, Difference};
@@ -152,14 +152,25 @@ impl Pipeline<'_> {
 
     fn direct_light(&self, pair: &Pair) -> Compared {
         let settings = &self.settings;
-        if settings.direct_samples == 0 {
+        let emitters = EmittingTriangles::of(&self.mesh.scene);
+        let sky = UniformSky::new(self.mesh.scene.sky);
+        let mut lights: Vec<(&dyn Light, u32, Purpose)> = Vec::new();
+        if settings.direct_samples > 0 {
+            lights.push((&emitters, settings.direct_samples, Purpose::DirectLight));
+        }
+        if self.mesh.scene.sky != Rgb::ZERO {
+            lights.push((&sky, SKY_SAMPLES, Purpose::Sky));
+        }
+        if lights.is_empty() {
             return Compared::default();
         }
-        let emitters = EmittingTriangles::of(self.mesh);
         let light = |caster: &dyn RayCaster, i| {
-            let (samples, points) = (settings.direct_samples, PointSet::Sobol);
-            let of = Estimator::new(caster, self.mesh, samples, points, settings.seed, &());
-            of.direct_light_of(&emitters, i)
+            let from = |&(light, samples, purpose): &(&dyn Light, u32, Purpose)| {
+                let points = PointSet::Sobol;
+                let of = Estimator::new(caster, self.mesh, samples, points, settings.seed, &());
+                of.direct_light_of(light, purpose, i)
+            };
+            lights.iter().map(from).collect::<Vec<Rgb64>>()
         };
         self.per_patch(pair, light, |a, b| (1, (a != b) as u64))
     }

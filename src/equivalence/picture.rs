@@ -24,7 +24,7 @@ impl Comparison {
             Some(Cause::Rounding) => BLUISH * luminance(*pixel),
             Some(cause) => signal(*cause) / exposure,
         };
-        Image { pixels: pixels.map(color).collect(), ..self.smooth }
+        Image { pixels: pixels.map(color).collect(), ..self.smooth.clone() }
     }
 }
 

@@ -20,32 +20,51 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// A triangle that exchanges light: a patch, or a whole emitter.
-pub struct Facet<'s> {
+pub struct Facet {
     shape: Triangle,
     /// See [`Side::sampling_area`].
     sampled: Triangle,
-    side: &'s Side,
+    side: Side,
     area: f32,
     centroid: Vec3,
     /// The radius of a sphere about the centroid that holds the triangle.
     radius: f32,
 }
 
-impl<'s> Facet<'s> {
-    pub(crate) fn new(shape: Triangle, side: &'s Side) -> Self {
+impl Facet {
+    pub(crate) fn new(shape: Triangle, side: &Side) -> Self {
         let centroid = shape.centroid();
         let radius = shape.p.iter().map(|p| p.distance(centroid)).fold(0.0, f32::max);
         let sampled = side.sampling_area(&shape);
-        Facet { area: shape.area() as f32, sampled, centroid, radius, shape, side }
+        Facet { area: shape.area() as f32, sampled, centroid, radius, shape, side: *side }
     }
 
-    pub(crate) fn patch(mesh: &'s PatchMesh, patch: PatchId) -> Self {
+    pub(crate) fn patch(mesh: &PatchMesh, patch: PatchId) -> Self {
         Facet::new(mesh.triangle(patch), mesh.side(patch))
     }
 
     /// In square units.
     pub fn area(&self) -> f64 {
         self.area as f64
+    }
+
+    /// The segment from `from`, a point lifted off a surface with that normal, to a point of the facet, and
+    /// the irradiance there per exitance of the facet: cosθ cosθ′ A / (π r²).
+    pub(crate) fn seen_from(&self, from: Vec3, normal: Vec3, xi: [f32; 2]) -> Option<(Ray, f32)> {
+        let y = self.side.lifted(self.at(uniform_triangle(xi[0], xi[1])));
+        let d = y - from;
+        let (cos_from, cos_here) = (normal.dot(d), -self.side.normal.dot(d));
+        if !(cos_from > 0.0 && cos_here > 0.0) {
+            return None;
+        }
+        let r2 = d.length_squared();
+        Some((Ray::segment(from, y), (cos_from / r2) * (self.area * (cos_here / r2)) / PI))
+    }
+
+    /// A lifted point of the facet, from two numbers in [0, 1), and the normal there.
+    pub(crate) fn point(&self, xi: [f32; 2]) -> (Vec3, Vec3) {
+        let point = self.at(uniform_triangle(xi[0], xi[1]));
+        (self.side.lifted(point), self.side.normal)
     }
 
     fn at(&self, barycentrics: [f32; 3]) -> Vec3 {

@@ -3,34 +3,38 @@
 use super::{Light, LightSample};
 use crate::color::{Rgb64, luminance};
 use crate::form_factor::pairs::{Facet, PairPoint, sample};
-use crate::geometry::Triangle;
-use crate::patches::{PatchMesh, Side};
+use crate::geometry::TriangleId;
+use crate::patches::Side;
+use crate::scene::Scene;
+use glam::Vec3;
+use std::f32::consts::PI;
 
 /// The sides that emit, each chosen with a probability in proportion to its power.
-pub struct EmittingTriangles<'m> {
-    emitters: Vec<Emitter<'m>>,
+pub struct EmittingTriangles {
+    emitters: Vec<Emitter>,
     /// Sum of the probabilities up to and including each emitter; the last is 1.
     cumulative: Vec<f64>,
 }
 
-struct Emitter<'m> {
-    facet: Facet<'m>,
+struct Emitter {
+    facet: Facet,
     exitance: Rgb64,
     probability: f64,
 }
 
-impl<'m> EmittingTriangles<'m> {
-    pub fn of(mesh: &'m PatchMesh) -> Self {
-        let mut emitters: Vec<Emitter> = mesh
-            .sides()
-            .iter()
-            .filter(|side| mesh.exitance(side.first) != glam::Vec3::ZERO)
-            .map(|side| Emitter {
-                facet: Facet::new(whole(mesh, side), side),
-                exitance: mesh.exitance(side.first).as_dvec3(),
-                probability: 0.0,
-            })
-            .collect();
+impl EmittingTriangles {
+    pub fn of(scene: &Scene) -> Self {
+        let triangles = (0..scene.triangles.len() as u32).map(TriangleId);
+        let sides = triangles.filter(|t| scene.material(*t).emits()).flat_map(|triangle| {
+            let backs = if scene.material(triangle).emits_on_back { 0..2 } else { 0..1 };
+            backs.map(move |is_back| Side::new(scene, triangle, is_back == 1))
+        });
+        let emitter = |side: Side| Emitter {
+            facet: Facet::new(side.shape(scene), &side),
+            exitance: (scene.material(side.triangle).radiance * PI).as_dvec3(),
+            probability: 0.0,
+        };
+        let mut emitters: Vec<Emitter> = sides.map(emitter).collect();
         let power = |e: &Emitter| luminance(e.exitance.as_vec3()) as f64 * e.facet.area();
         let total: f64 = emitters.iter().map(power).sum();
         let mut sum = 0.0;
@@ -57,7 +61,7 @@ impl<'m> EmittingTriangles<'m> {
     }
 
     /// The emitter for ξ, and ξ stretched over its share so that it can be used again.
-    fn choose(&self, xi: f32) -> (&Emitter<'m>, f32) {
+    fn choose(&self, xi: f32) -> (&Emitter, f32) {
         let last = self.emitters.len() - 1;
         let xi = xi as f64;
         let index = self.cumulative.partition_point(|&sum| sum <= xi).min(last);
@@ -68,21 +72,29 @@ impl<'m> EmittingTriangles<'m> {
     }
 }
 
-fn whole(mesh: &PatchMesh, side: &Side) -> Triangle {
-    let mut shape = mesh.scene.triangles[side.triangle.index()];
-    if side.is_back {
-        shape.p.swap(1, 2);
-    }
-    shape
-}
-
-impl Light for EmittingTriangles<'_> {
+impl Light for EmittingTriangles {
     /// Samples one of the triangles, as a pair with the receiver.
     fn sample(&self, receiver: &Facet, [x0, x1, y0, y1]: [f32; 4]) -> Option<LightSample> {
+        if self.is_empty() {
+            return None;
+        }
         let (emitter, y0) = self.choose(y0);
         let pair = sample(receiver, &emitter.facet, &PairPoint::uniform([x0, x1, y0, y1]))?;
-        let factor = pair.exchange as f64 / receiver.area();
+        // The area in the exchange is that of f32 corners, which a sliver's patches can lose.
+        let factor =
+            if receiver.area() > 0.0 { pair.exchange as f64 / receiver.area() } else { 0.0 };
         let irradiance = emitter.exitance * (factor / emitter.probability);
         Some(LightSample { segment: pair.segment, irradiance })
+    }
+
+    /// Samples one of the triangles by its area.
+    fn sample_at(&self, point: Vec3, normal: Vec3, [y0, y1]: [f32; 2]) -> Option<LightSample> {
+        if self.is_empty() {
+            return None;
+        }
+        let (emitter, y0) = self.choose(y0);
+        let (segment, factor) = emitter.facet.seen_from(point, normal, [y0, y1])?;
+        let irradiance = emitter.exitance * (factor as f64 / emitter.probability);
+        Some(LightSample { segment, irradiance })
     }
 }

@@ -16,6 +16,8 @@ use crate::scene::{MaterialId, Scene};
 use crate::settings::{self, PatchSettings};
 pub use cell::Cell;
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
+use std::f32::consts::PI;
 pub use surface_point::SurfacePoint;
 
 /// Number of a patch, counted over the whole scene.
@@ -35,7 +37,7 @@ pub enum Subdivision {
     Levels(u32),
     /// Each triangle until its patches' longest edge is at most this, in the scene's units.
     MaxEdge(f64),
-    /// The shortest `MaxEdge` that makes at most this many patches.
+    /// The shortest `MaxEdge` that adds at most this many patches to one per triangle.
     Count(usize),
 }
 
@@ -48,9 +50,27 @@ impl Subdivision {
             (None, None) => Subdivision::Count(settings::PATCHES),
         }
     }
+
+    /// How often each triangle is split.
+    ///
+    /// # Errors
+    /// A level above [`MAX_LEVEL`], a length that is not a positive number, or more patches than can be
+    /// numbered even with one side each.
+    pub fn levels(self, scene: &Scene) -> Result<Vec<u32>> {
+        check(self)?;
+        let edges: Vec<f64> = scene.triangles.iter().map(Triangle::longest_edge).collect();
+        let levels: Vec<u32> = match self {
+            Subdivision::Levels(levels) => vec![levels; edges.len()],
+            Subdivision::MaxEdge(length) => levels_for(&edges, length),
+            Subdivision::Count(most) => levels_for(&edges, shortest_edge_for(&edges, most)),
+        };
+        let count = levels.iter().map(|&level| 4u64.saturating_pow(level));
+        check_count(&levels, count.fold(0, u64::saturating_add))?;
+        Ok(levels)
+    }
 }
 
-/// One lit side of a triangle: the front, or the back of a two-sided one.
+/// One side of a triangle that reflects or emits.
 #[derive(Debug, Clone, Copy)]
 pub struct Side {
     pub triangle: TriangleId,
@@ -68,6 +88,31 @@ pub struct Side {
 }
 
 impl Side {
+    /// A whole side of a triangle, as one patch with the number 0.
+    pub fn new(scene: &Scene, triangle: TriangleId, is_back: bool) -> Side {
+        let shape = &scene.triangles[triangle.index()];
+        let normal = shape.normal();
+        Side {
+            triangle,
+            is_back,
+            material: scene.material_of[triangle.index()],
+            normal: if is_back { -normal } else { normal },
+            level: 0,
+            first: PatchId(0),
+            patch_area: shape.area(),
+            ray_offset: shape.ray_offset(),
+        }
+    }
+
+    /// The triangle, wound so that its normal is the side's.
+    pub fn shape(&self, scene: &Scene) -> Triangle {
+        let mut shape = scene.triangles[self.triangle.index()];
+        if self.is_back {
+            shape.p.swap(1, 2);
+        }
+        shape
+    }
+
     pub fn patch_count(&self) -> usize {
         1 << (2 * self.level)
     }
@@ -90,6 +135,30 @@ impl Side {
     }
 }
 
+/// The sides of a triangle that have patches. The others are black.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Sides {
+    pub front: bool,
+    pub back: bool,
+}
+
+impl Sides {
+    /// The sides that a triangle's material gives it.
+    pub fn of(scene: &Scene, triangle: TriangleId) -> Sides {
+        let material = scene.material(triangle);
+        Sides { front: true, back: material.two_sided || material.shines_on_back() }
+    }
+
+    /// Those of every triangle.
+    pub fn of_all(scene: &Scene) -> Vec<Sides> {
+        (0..scene.triangles.len() as u32).map(|t| Sides::of(scene, TriangleId(t))).collect()
+    }
+
+    fn count(self) -> u64 {
+        self.front as u64 + self.back as u64
+    }
+}
+
 /// Patch numbers and ray counts stay well inside 32 bits.
 const MAX_PATCHES: usize = 1 << 28;
 
@@ -98,61 +167,28 @@ const MAX_PATCHES: usize = 1 << 28;
 pub struct PatchMesh {
     pub scene: Scene,
     sides: Vec<Side>,
-    /// Per triangle: its front's side, and its back's where it has one.
-    side_of_front: Vec<u32>,
+    /// Per triangle: the sides of its front and its back, where they have patches.
+    side_of_front: Vec<Option<u32>>,
     side_of_back: Vec<Option<u32>>,
     /// Per patch: its side.
     side_of_patch: Vec<u32>,
 }
 
 impl PatchMesh {
+    /// Splits every side that the materials give the triangles.
+    ///
     /// # Errors
-    /// A level above [`MAX_LEVEL`], a length that is not a positive number, or more patches than
-    /// can be numbered.
+    /// See [`Subdivision::levels`].
     pub fn subdivide(scene: &Scene, subdivision: Subdivision) -> Result<PatchMesh> {
-        check(subdivision)?;
-        let edges: Vec<f64> = scene.triangles.iter().map(Triangle::longest_edge).collect();
-        let levels: Vec<u32> = match subdivision {
-            Subdivision::Levels(levels) => vec![levels; edges.len()],
-            Subdivision::MaxEdge(length) => levels_for(&edges, length),
-            Subdivision::Count(most) => levels_for(&edges, shortest_edge_for(&edges, most)),
-        };
-        check_count(scene, &levels)?;
-        Ok(PatchMesh::with_levels(scene, &levels))
+        PatchMesh::new(scene, &subdivision.levels(scene)?, &Sides::of_all(scene))
     }
 
-    /// As `subdivide`, with a level for each triangle, as [`PatchMesh::levels`] gives them.
+    /// Splits the given sides, each triangle as often as its level says.
     ///
     /// # Errors
-    /// Another number of levels than of triangles, a level above [`MAX_LEVEL`], or more patches than can
-    /// be numbered.
-    pub fn from_levels(scene: &Scene, levels: &[u32]) -> Result<PatchMesh> {
-        PatchMesh::count(scene, levels)?;
-        Ok(PatchMesh::with_levels(scene, levels))
-    }
-
-    /// The number of patches that [`PatchMesh::from_levels`] would make.
-    ///
-    /// # Errors
-    /// As `from_levels`.
-    pub fn count(scene: &Scene, levels: &[u32]) -> Result<usize> {
-        if levels.len() != scene.triangles.len() {
-            return Err(Error::new(format!(
-                "{} levels of subdivision for {} triangles",
-                levels.len(),
-                scene.triangles.len()
-            )));
-        }
-        check_count(scene, levels)
-    }
-
-    /// How often each triangle is split.
-    pub fn levels(&self) -> Vec<u32> {
-        let fronts = self.side_of_front.iter();
-        fronts.map(|&side| self.sides[side as usize].level).collect()
-    }
-
-    fn with_levels(scene: &Scene, levels: &[u32]) -> PatchMesh {
+    /// See [`PatchMesh::count`].
+    pub fn new(scene: &Scene, levels: &[u32], sides: &[Sides]) -> Result<PatchMesh> {
+        PatchMesh::count(scene, levels, sides)?;
         let mut mesh = PatchMesh {
             scene: scene.clone(),
             sides: Vec::with_capacity(levels.len()),
@@ -160,30 +196,57 @@ impl PatchMesh {
             side_of_back: Vec::with_capacity(levels.len()),
             side_of_patch: Vec::new(),
         };
-        for (index, &level) in levels.iter().enumerate() {
+        for (index, (&level, sides)) in levels.iter().zip(sides).enumerate() {
             let triangle = TriangleId(index as u32);
-            let front = mesh.add_side(triangle, level, false);
-            let back = scene.material(triangle).two_sided;
-            let back = back.then(|| mesh.add_side(triangle, level, true));
+            let front = sides.front.then(|| mesh.add_side(triangle, level, false));
+            let back = sides.back.then(|| mesh.add_side(triangle, level, true));
             mesh.side_of_front.push(front);
             mesh.side_of_back.push(back);
         }
-        mesh
+        Ok(mesh)
+    }
+
+    /// The number of patches that [`PatchMesh::new`] would make.
+    ///
+    /// # Errors
+    /// Lists of another length than that of the triangles, a level above [`MAX_LEVEL`], or more patches
+    /// than can be numbered.
+    pub fn count(scene: &Scene, levels: &[u32], sides: &[Sides]) -> Result<usize> {
+        for (count, what) in [(levels.len(), "levels of subdivision"), (sides.len(), "sides")] {
+            if count != scene.triangles.len() {
+                return Err(Error::new(format!(
+                    "{count} {what} for {} triangles",
+                    scene.triangles.len()
+                )));
+            }
+        }
+        let patches = levels
+            .iter()
+            .zip(sides)
+            .map(|(&level, sides)| sides.count().saturating_mul(4u64.saturating_pow(level)));
+        check_count(levels, patches.fold(0, u64::saturating_add))
+    }
+
+    /// How often each triangle is split; 0 where it has no patches.
+    pub fn levels(&self) -> Vec<u32> {
+        let any = self.side_of_front.iter().zip(&self.side_of_back).map(|(f, b)| f.or(*b));
+        any.map(|side| side.map_or(0, |side| self.sides[side as usize].level)).collect()
+    }
+
+    /// The sides of each triangle that have patches.
+    pub fn sides_of_triangles(&self) -> Vec<Sides> {
+        let both = self.side_of_front.iter().zip(&self.side_of_back);
+        both.map(|(f, b)| Sides { front: f.is_some(), back: b.is_some() }).collect()
     }
 
     fn add_side(&mut self, triangle: TriangleId, level: u32, is_back: bool) -> u32 {
         let number = self.sides.len() as u32;
-        let shape = &self.scene.triangles[triangle.index()];
-        let normal = shape.normal();
+        let whole = Side::new(&self.scene, triangle, is_back);
         let side = Side {
-            triangle,
-            is_back,
-            material: self.scene.material_of[triangle.index()],
-            normal: if is_back { -normal } else { normal },
             level,
             first: PatchId(self.side_of_patch.len() as u32),
-            patch_area: shape.area() / (1u64 << (2 * level)) as f64,
-            ray_offset: shape.ray_offset(),
+            patch_area: whole.patch_area / (1u64 << (2 * level)) as f64,
+            ..whole
         };
         self.side_of_patch.resize(self.side_of_patch.len() + side.patch_count(), number);
         self.sides.push(side);
@@ -225,11 +288,11 @@ impl PatchMesh {
 
     /// Exitance E = πL of the patch, in W·m⁻².
     pub fn exitance(&self, patch: PatchId) -> Rgb {
-        let radiance = self.scene.materials[self.side(patch).material.0 as usize].radiance;
-        radiance * std::f32::consts::PI
+        let side = self.side(patch);
+        self.scene.materials[side.material.0 as usize].radiance_of(side.is_back) * PI
     }
 
-    /// The side that a ray meets at a hit, or `None` for the black back of a one-sided triangle.
+    /// The side that a ray meets at a hit, or `None` for a black side.
     #[inline]
     pub fn side_hit(&self, ray: &Ray, hit: &Hit) -> Option<&Side> {
         self.side_number_hit(ray, hit).map(|number| &self.sides[number])
@@ -238,14 +301,18 @@ impl PatchMesh {
     /// The number of the side that a ray meets at a hit.
     #[inline]
     pub(crate) fn side_number_hit(&self, ray: &Ray, hit: &Hit) -> Option<usize> {
-        let front = self.side_of_front[hit.triangle.index()] as usize;
-        if self.sides[front].normal.dot(ray.direction) < 0.0 {
-            return Some(front);
-        }
-        self.side_of_back[hit.triangle.index()].map(|back| back as usize)
+        let triangle = hit.triangle.index();
+        let (front, back) = (self.side_of_front[triangle], self.side_of_back[triangle]);
+        // A ray along the surface is taken to meet the back.
+        let meets_front = match (front, back) {
+            (Some(front), _) => self.sides[front as usize].normal.dot(ray.direction) < 0.0,
+            (None, Some(back)) => -self.sides[back as usize].normal.dot(ray.direction) < 0.0,
+            (None, None) => return None,
+        };
+        if meets_front { front } else { back }.map(|side| side as usize)
     }
 
-    /// The patch that a ray meets at a hit, or `None` for the black back of a one-sided triangle.
+    /// The patch that a ray meets at a hit, or `None` for a black side.
     #[inline]
     pub fn patch_hit(&self, ray: &Ray, hit: &Hit) -> Option<PatchId> {
         let side = self.side_hit(ray, hit)?;
@@ -267,12 +334,8 @@ impl PatchMesh {
     }
 }
 
-/// The number of patches. Refuses more than can be numbered, and levels that no triangle may have.
-fn check_count(scene: &Scene, levels: &[u32]) -> Result<usize> {
-    let sides_of = |t: usize| 1 + scene.material(TriangleId(t as u32)).two_sided as u64;
-    let patches_of =
-        |(t, &level): (usize, &u32)| sides_of(t).saturating_mul(4u64.saturating_pow(level));
-    let count = levels.iter().enumerate().map(patches_of).fold(0, u64::saturating_add);
+/// Refuses more patches than can be numbered, and levels that no triangle may have.
+fn check_count(levels: &[u32], count: u64) -> Result<usize> {
     if levels.iter().any(|&l| l > MAX_LEVEL) || count > MAX_PATCHES as u64 {
         return Err(Error::new(format!(
             "this subdivision asks for {count} patches or {} levels; the most are {MAX_PATCHES} and \
@@ -304,21 +367,18 @@ fn levels_for(edges: &[f64], length: f64) -> Vec<u32> {
     edges.iter().map(|edge| (edge / length).log2().ceil().clamp(0.0, 30.0) as u32).collect()
 }
 
-/// Bisects for the shortest length that makes at most `most` patches; the longest edge (level 0
-/// everywhere) if even that makes more.
+/// Bisects for the shortest length that adds at most `most` patches to one per triangle: so a room is split
+/// also when a model with many small triangles stands in it.
 fn shortest_edge_for(edges: &[f64], most: usize) -> f64 {
-    let count = |length: f64| -> f64 {
-        levels_for(edges, length).iter().map(|&level| 4f64.powi(level as i32)).sum()
+    let added = |length: f64| -> f64 {
+        levels_for(edges, length).iter().map(|&level| 4f64.powi(level as i32) - 1.0).sum()
     };
     let longest = edges.iter().copied().fold(0.0, f64::max);
-    if edges.len() >= most {
-        return longest;
-    }
     let (mut too_short, mut good) = (longest / (1u64 << MAX_LEVEL) as f64, longest);
-    // Twelve octaves, halved so often, are known to a millionth.
+    // Twelve octaves, halved 24 times, are known to a millionth.
     for _ in 0..24 {
         let middle = (too_short * good).sqrt();
-        if count(middle) <= most as f64 {
+        if added(middle) <= most as f64 {
             good = middle;
         } else {
             too_short = middle;

@@ -2,7 +2,7 @@
 
 pub(crate) mod tone;
 
-use crate::color::Rgb;
+use crate::color::{Rgb, luminance};
 use crate::field::IrradianceField;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::{PatchMesh, SurfacePoint};
@@ -19,6 +19,9 @@ pub struct Image {
     pub width: u32,
     pub height: u32,
     pub pixels: Vec<Rgb>,
+    /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit; NaN where
+    /// there are none. An exposure is found from these.
+    pub reflecting: Vec<f32>,
 }
 
 /// Size and sampling of a picture.
@@ -29,6 +32,8 @@ pub struct Frame {
     /// Samples per pixel.
     pub samples: u32,
     pub seed: u64,
+    /// Radiance where a ray leaves the scene. `None`: that of the sky.
+    pub background: Option<Rgb>,
 }
 
 impl Frame {
@@ -40,7 +45,7 @@ impl Frame {
 
     /// A picture of this size in pixels.
     pub fn new(width: u32, height: u32) -> Frame {
-        Frame { width, height, samples: Frame::SAMPLES, seed: Settings::SEED }
+        Frame { width, height, samples: Frame::SAMPLES, seed: Settings::SEED, background: None }
     }
 
     pub fn rays(&self) -> u64 {
@@ -51,7 +56,7 @@ impl Frame {
 /// Draws one image per field, all from the same rays. What a ray meets shows L + ρH/π by its own material.
 ///
 /// The samples of a pixel are stratified over its square and averaged: a box filter. Rays that
-/// leave the scene or meet the back of a one-sided triangle are black.
+/// leave the scene show its background, and those that meet a side without patches are black.
 pub fn render(
     caster: &dyn RayCaster,
     mesh: &PatchMesh,
@@ -62,7 +67,7 @@ pub fn render(
 ) -> Vec<Image> {
     let row_length = frame.width as usize * fields.len();
     progress.begin(Stage::Render, Some(frame.height as u64));
-    let mut rows = vec![Rgb::ZERO; row_length * frame.height as usize];
+    let mut rows = vec![Pixel::default(); row_length * frame.height as usize];
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
         Work::default,
         |work, (y, row)| {
@@ -81,7 +86,8 @@ pub fn render(
         .map(|s| Image {
             width: frame.width,
             height: frame.height,
-            pixels: rows.iter().skip(s).step_by(fields.len()).copied().collect(),
+            pixels: rows.iter().skip(s).step_by(fields.len()).map(|p| p.radiance).collect(),
+            reflecting: rows.iter().skip(s).step_by(fields.len()).map(|p| p.reflecting).collect(),
         })
         .collect()
 }
@@ -95,9 +101,16 @@ pub fn pixel(
     at: (usize, usize),
     field: &dyn IrradianceField,
 ) -> Rgb {
-    let mut pixel = [Rgb::ZERO];
+    let mut pixel = [Pixel::default()];
     Work::default().draw(caster, mesh, camera, frame, at, &[field], &mut pixel);
-    pixel[0]
+    pixel[0].radiance
+}
+
+/// What one field makes of a pixel; see [`Image`].
+#[derive(Clone, Copy, Default)]
+struct Pixel {
+    radiance: Rgb,
+    reflecting: f32,
 }
 
 /// One thread's buffers.
@@ -120,7 +133,7 @@ impl<'m> Work<'m> {
         frame: &Frame,
         (x, y): (usize, usize),
         fields: &[&dyn IrradianceField],
-        pixel: &mut [Rgb],
+        pixel: &mut [Pixel],
     ) {
         let (width, height) = (frame.width as f32, frame.height as f32);
         let number = y as u64 * frame.width as u64 + x as u64;
@@ -136,14 +149,24 @@ impl<'m> Work<'m> {
         self.points.clear();
         self.points.extend(met);
         self.irradiance.resize(self.points.len(), Rgb::ZERO);
+        let misses = self.hits.iter().filter(|hit| hit.is_none()).count();
+        let background = frame.background.unwrap_or(mesh.scene.sky) * misses as f32;
         for (pixel, field) in pixel.iter_mut().zip(fields) {
             field.irradiance(&self.points, &mut self.irradiance);
-            let met = self.points.iter().zip(&self.irradiance);
-            let sum = met.fold(Rgb::ZERO, |sum, (point, &irradiance)| {
+            let (mut sum, mut reflecting, mut count) = (background, Rgb::ZERO, 0);
+            for (point, &irradiance) in self.points.iter().zip(&self.irradiance) {
                 let material = &mesh.scene.materials[point.side.material.0 as usize];
-                sum + (material.radiance + material.reflectance * irradiance / PI)
-            });
-            *pixel = sum / frame.samples as f32;
+                let emitted = material.radiance_of(point.side.is_back);
+                let reflected = material.reflectance * irradiance / PI;
+                sum += emitted + reflected;
+                if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
+                    reflecting += emitted + reflected;
+                    count += 1;
+                }
+            }
+            pixel.radiance = sum / frame.samples as f32;
+            // 0/0 where there are none.
+            pixel.reflecting = luminance(reflecting) / count as f32;
         }
     }
 }

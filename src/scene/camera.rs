@@ -1,15 +1,17 @@
-//! A pinhole camera, and one that finds its own place.
+//! A pinhole camera.
 
 use crate::error::{Error, Result};
-use crate::geometry::bounds::Bounds;
-use crate::geometry::{Ray, RayCaster, Triangle};
-use glam::Vec3;
+use crate::geometry::Ray;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// A pinhole at `position`. Image coordinates run right and down over [0, 1]².
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    position: Vec3,
+    /// In the coordinates of the model files.
+    position: DVec3,
+    /// `position` in the coordinates of the scene; see [`Camera::placed`].
+    eye: Vec3,
     /// Unit vectors: along the axis, to the image's right, to its top.
     forward: Vec3,
     right: Vec3,
@@ -32,18 +34,19 @@ impl Camera {
     /// # Errors
     /// A direction that is none, a field of view outside (0, 180), a negative near distance.
     pub fn new(
-        position: Vec3,
-        look_at: Vec3,
+        position: impl Into<DVec3>,
+        look_at: impl Into<DVec3>,
         up: Vec3,
         vertical_fov: f32,
         near: f32,
     ) -> Result<Camera> {
-        let all = [position, look_at, up, Vec3::splat(near)];
+        let (position, look_at) = (position.into(), look_at.into());
+        let all = [position, look_at, up.as_dvec3(), DVec3::splat(near as f64)];
         if !all.iter().all(|v| v.is_finite()) {
             return Err(Error::new("the camera has a number that is not finite")
                 .remedy("give it ordinary numbers"));
         }
-        let Some(forward) = (look_at - position).try_normalize() else {
+        let Some(forward) = (look_at - position).as_vec3().try_normalize() else {
             return Err(Error::new("the camera's position and look_at are the same point")
                 .remedy("move one of them"));
         };
@@ -63,6 +66,7 @@ impl Camera {
         }
         Ok(Camera {
             position,
+            eye: position.as_vec3(),
             forward,
             right,
             up: right.cross(forward),
@@ -71,10 +75,21 @@ impl Camera {
         })
     }
 
+    /// The same camera for a scene whose origin is this place in the model files' coordinates.
+    pub fn placed(&self, origin: DVec3) -> Camera {
+        Camera { eye: (self.position - origin).as_vec3(), ..self.clone() }
+    }
+
+    /// From a camera in the scene's own coordinates, one that is in those of the model files.
+    pub(crate) fn from_frame_of(&self, origin: DVec3) -> Camera {
+        Camera { position: self.position + origin, ..self.clone() }
+    }
+
     /// Whether this is what [`Camera::new`] makes: one that was read from a file need not be.
     pub(crate) fn is_possible(&self) -> bool {
         let directions = [self.forward, self.right, self.up];
         self.position.is_finite()
+            && self.eye.is_finite()
             && directions.iter().all(|d| d.is_normalized())
             && self.half_height > 0.0
             && self.half_height.is_finite()
@@ -89,62 +104,13 @@ impl Camera {
         let across = (2.0 * x - 1.0) * self.half_height * aspect;
         let upward = (1.0 - 2.0 * y) * self.half_height;
         let direction = self.forward + self.right * across + self.up * upward;
-        Ray { t_min: self.near, ..Ray::new(self.position, direction) }
+        Ray { t_min: self.near, ..Ray::new(self.eye, direction) }
     }
-
-    /// A camera for a model that came without one: of some views from around the model and from
-    /// inside it, the one that sees the most of lit sides, since a back is black.
-    pub fn fitted(triangles: &[Triangle], caster: &dyn RayCaster) -> Camera {
-        let bounds: Bounds = triangles.iter().flat_map(|t| t.p).collect();
-        candidates(&bounds)
-            .into_iter()
-            .map(|camera| (fronts_seen(&camera, triangles, caster), camera))
-            // Of equal views the first, so that `max_by` must look from the end.
-            .rev()
-            .max_by(|a, b| a.0.cmp(&b.0))
-            .map(|(_, camera)| camera)
-            .expect("there are always candidates")
-    }
-}
-
-/// Three-quarter views from outside first, then the four axes from outside and from inside.
-fn candidates(bounds: &Bounds) -> Vec<Camera> {
-    const FOV_OUTSIDE: f32 = 40.0;
-    const FOV_INSIDE: f32 = 80.0;
-    let center = bounds.center();
-    let radius = (0.5 * bounds.diagonal().length()).max(f32::MIN_POSITIVE);
-    let distance = radius / (0.5 * FOV_OUTSIDE).to_radians().sin();
-    let corners = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
-        .map(|(x, z)| Vec3::new(0.6 * x, 0.45, z).normalize());
-    let axes = [Vec3::Z, Vec3::X, Vec3::NEG_Z, Vec3::NEG_X];
-
-    let outside =
-        corners.into_iter().chain(axes).map(|from| (center + from * distance, FOV_OUTSIDE));
-    let inside =
-        axes.into_iter().map(|from| (center + from * bounds.diagonal() * 0.48, FOV_INSIDE));
-    outside
-        .chain(inside)
-        .filter_map(|(position, fov)| Camera::new(position, center, Vec3::Y, fov, 0.0).ok())
-        .collect()
-}
-
-fn fronts_seen(camera: &Camera, triangles: &[Triangle], caster: &dyn RayCaster) -> usize {
-    const GRID: usize = 32;
-    (0..GRID * GRID)
-        .filter(|i| {
-            let [x, y] = [i % GRID, i / GRID].map(|k| (k as f32 + 0.5) / GRID as f32);
-            let ray = camera.ray(x, y, 1.0);
-            caster.nearest(&ray).is_some_and(|hit| {
-                triangles[hit.triangle.index()].normal().dot(ray.direction) < 0.0
-            })
-        })
-        .count()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{BruteForce, MollerTrumbore};
 
     #[test]
     fn the_corners_of_the_image_are_the_field_of_view() {
@@ -165,19 +131,5 @@ mod tests {
         assert!(make(Vec3::Z, Vec3::Y, 0.0).is_err());
         assert!(make(Vec3::Z, Vec3::Y, f32::NAN).is_err());
         assert!(make(Vec3::splat(f32::NAN), Vec3::Y, 40.0).is_err());
-    }
-
-    #[test]
-    fn a_fitted_camera_sees_a_front() {
-        let seen_from = |triangle: Triangle| {
-            let triangles = [triangle];
-            let caster = BruteForce::<MollerTrumbore>::new(&triangles);
-            let camera = Camera::fitted(&triangles, &caster);
-            assert!(fronts_seen(&camera, &triangles, &caster) > 0);
-            camera.position
-        };
-        let (a, b, c) = (Vec3::ZERO, Vec3::X, Vec3::Y);
-        assert!(seen_from(Triangle::new(a, b, c)).z > 0.0);
-        assert!(seen_from(Triangle::new(a, c, b)).z < 0.0);
     }
 }

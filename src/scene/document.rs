@@ -1,13 +1,12 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
-use super::obj::text::{decode, read_bytes};
+use super::obj::text::{decode, quote, read_bytes};
 use super::read::is_model;
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::geometry::RayCaster;
 use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -31,6 +30,14 @@ pub struct Document {
     pub image: ImageDefaults,
     pub patches: PatchSettings,
     pub light: LightSettings,
+    /// Radiance of the sky in W·sr⁻¹·m⁻². `None`: 1 if nothing else shines, else no sky.
+    pub sky: Option<Rgb>,
+    /// The direction that is up for a fitted camera. `None`: as the model's format says, or a guess.
+    pub up: Option<Vec3>,
+    /// Whether surfaces reflect on their fronts alone.
+    pub one_sided: bool,
+    /// Radiances that replace those of materials, in this order; a name may end in `*`.
+    pub emissions: Vec<(String, Rgb)>,
     materials: BTreeMap<String, MaterialOverride>,
 }
 
@@ -80,15 +87,55 @@ struct File {
     patches: PatchSettings,
     #[serde(default)]
     light: LightSettings,
+    sky: Option<GreyOrRgb>,
+    up: Option<Up>,
+    #[serde(default)]
+    one_sided: bool,
     #[serde(default)]
     materials: BTreeMap<String, MaterialOverride>,
+}
+
+/// A colour, or one number for all channels.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(untagged)]
+enum GreyOrRgb {
+    Grey(f32),
+    Rgb([f32; 3]),
+}
+
+impl GreyOrRgb {
+    fn rgb(self) -> Rgb {
+        match self {
+            GreyOrRgb::Grey(x) => Rgb::splat(x),
+            GreyOrRgb::Rgb(rgb) => Rgb::from(rgb),
+        }
+    }
+}
+
+/// The axis that points up.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Up {
+    X,
+    Y,
+    Z,
+}
+
+impl Up {
+    fn direction(self) -> Vec3 {
+        match self {
+            Up::X => Vec3::X,
+            Up::Y => Vec3::Y,
+            Up::Z => Vec3::Z,
+        }
+    }
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CameraTable {
-    position: Vec3Array,
-    look_at: Vec3Array,
+    position: [f64; 3],
+    look_at: [f64; 3],
     #[serde(default = "up")]
     up: Vec3Array,
     #[serde(default = "vertical_fov")]
@@ -117,9 +164,14 @@ struct MaterialOverride {
 
 impl CameraTable {
     fn camera(self) -> Result<Camera> {
-        let [position, look_at, up] = [self.position, self.look_at, self.up].map(Vec3::from);
-        Camera::new(position, look_at, up, self.vertical_fov, self.near)
+        let [position, look_at] = [self.position, self.look_at].map(DVec3::from);
+        Camera::new(position, look_at, Vec3::from(self.up), self.vertical_fov, self.near)
     }
+}
+
+/// Whether a colour can be a radiance.
+pub(crate) fn is_radiance(rgb: Rgb) -> bool {
+    rgb.is_finite() && rgb.cmpge(Rgb::ZERO).all()
 }
 
 /// A view's name is part of its picture's name, so that it may hold letters, digits, `-` and `_` alone.
@@ -151,14 +203,6 @@ impl Document {
         Scene::load(self)
     }
 
-    /// The described camera, or one that is fitted to the scene.
-    pub fn view(&self, scene: &Scene, caster: &dyn RayCaster) -> Camera {
-        match &self.camera {
-            Some(camera) => camera.clone(),
-            None => Camera::fitted(&scene.triangles, caster),
-        }
-    }
-
     /// Reads a `.toml` description, or makes one for a bare `.obj`.
     ///
     /// # Errors
@@ -187,6 +231,10 @@ impl Document {
             image: ImageDefaults::default(),
             patches: PatchSettings::default(),
             light: LightSettings::default(),
+            sky: None,
+            up: None,
+            one_sided: false,
+            emissions: Vec::new(),
             materials: BTreeMap::new(),
         }
     }
@@ -217,6 +265,11 @@ impl Document {
         file.image.check()?;
         file.patches.check()?;
         file.light.check()?;
+        let sky = file.sky.map(GreyOrRgb::rgb);
+        if sky.is_some_and(|sky| !is_radiance(sky)) {
+            return Err(Error::new("sky is not a radiance of at least 0")
+                .remedy("write sky = 1 or sky = [r, g, b] in W/(sr·m²); 0 is no sky"));
+        }
         let camera = file.camera.map(CameraTable::camera).transpose()?;
         let views = file.views.into_iter().map(view).collect::<Result<_>>()?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -230,6 +283,10 @@ impl Document {
             image: file.image,
             patches: file.patches,
             light: file.light,
+            sky,
+            up: file.up.map(Up::direction),
+            one_sided: file.one_sided,
+            emissions: Vec::new(),
             materials: file.materials,
         })
     }
@@ -246,21 +303,38 @@ impl Document {
     /// # Errors
     /// A name that no model's material has.
     pub fn override_materials(&self, materials: &mut [Material]) -> Result<()> {
-        for (name, change) in &self.materials {
-            let mut found = false;
-            for material in materials.iter_mut().filter(|m| &m.name == name) {
-                found = true;
-                change.apply(material);
-            }
-            if !found {
-                let known: Vec<&str> = materials.iter().map(|m| m.name.as_str()).collect();
-                return Err(Error::new(format!("[materials.{name}] matches no material"))
-                    .in_file(&self.file)
-                    .remedy(format!("the models have: {}", known.join(", "))));
-            }
+        for (pattern, change) in &self.materials {
+            change_matching(pattern, materials, |material| change.apply(material))
+                .map_err(|error| error.in_file(&self.file))?;
+        }
+        for (pattern, radiance) in &self.emissions {
+            change_matching(pattern, materials, |material| material.radiance = *radiance)?;
         }
         Ok(())
     }
+}
+
+/// Changes every material that a name means, which may end in `*`.
+fn change_matching(
+    pattern: &str,
+    materials: &mut [Material],
+    mut change: impl FnMut(&mut Material),
+) -> Result<()> {
+    let is_meant = |material: &&mut Material| match pattern.strip_suffix('*') {
+        Some(start) => material.name.starts_with(start),
+        None => material.name == pattern,
+    };
+    let mut found = false;
+    for material in materials.iter_mut().filter(is_meant) {
+        found = true;
+        change(material);
+    }
+    if found {
+        return Ok(());
+    }
+    let known: Vec<String> = materials.iter().map(|m| m.name.escape_debug().to_string()).collect();
+    Err(Error::new(format!("no material has the name {}", quote(pattern)))
+        .remedy(format!("the models have: {}", known.join(", "))))
 }
 
 impl MaterialOverride {
@@ -287,6 +361,7 @@ impl MaterialOverride {
         }
         if let Some(two_sided) = self.two_sided {
             material.two_sided = two_sided;
+            material.emits_on_back = two_sided;
         }
     }
 }

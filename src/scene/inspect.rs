@@ -63,7 +63,7 @@ fn material_uses(scene: &Scene) -> Vec<MaterialUse> {
     for (index, triangle) in scene.triangles.iter().enumerate() {
         let id = TriangleId(index as u32);
         let material = scene.material(id);
-        let sides = if material.two_sided { 2.0 } else { 1.0 };
+        let sides = if material.emits_on_back { 2.0 } else { 1.0 };
         let used = &mut uses[scene.material_of[index].0 as usize];
         used.triangles += 1;
         used.area += triangle.area();

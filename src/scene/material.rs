@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct MaterialId(pub u32);
 
-/// A Lambertian surface: it reflects and emits equally into every direction of its front.
+/// A Lambertian surface: it reflects and emits equally into every direction before it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     pub name: String,
@@ -16,8 +16,10 @@ pub struct Material {
     pub reflectance: Rgb,
     /// Emitted radiance in W·sr⁻¹·m⁻², not negative. `Ke` in an MTL file. Exitance is π times it.
     pub radiance: Rgb,
-    /// Whether the back reflects and emits as the front does. Else the back is black.
+    /// Whether the back reflects as the front does. Else the back is black.
     pub two_sided: bool,
+    /// Whether the back emits as the front does.
+    pub emits_on_back: bool,
     /// Multiplies the reflectance.
     pub reflectance_map: Option<Map>,
     /// Multiplies the radiance.
@@ -38,6 +40,7 @@ impl Material {
             reflectance: Rgb::splat(0.5),
             radiance: Rgb::ZERO,
             two_sided: false,
+            emits_on_back: false,
             reflectance_map: None,
             radiance_map: None,
             opacity: 1.0,
@@ -56,6 +59,16 @@ impl Material {
     pub(crate) fn maps_mut(&mut self) -> impl Iterator<Item = &mut Map> {
         let maps = [&mut self.reflectance_map, &mut self.radiance_map, &mut self.opacity_map];
         maps.into_iter().flatten()
+    }
+
+    /// Emitted radiance of the front or the back.
+    pub fn radiance_of(&self, is_back: bool) -> Rgb {
+        if is_back && !self.emits_on_back { Rgb::ZERO } else { self.radiance }
+    }
+
+    /// Whether the back emits light.
+    pub fn shines_on_back(&self) -> bool {
+        self.emits_on_back && self.emits()
     }
 
     pub fn emits(&self) -> bool {

@@ -11,14 +11,15 @@ pub(crate) mod obj;
 mod read;
 pub mod texture;
 pub mod topology;
+mod upright;
 
-use crate::color::luminance;
+use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 pub use camera::Camera;
 pub use document::Document;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 pub use material::{Material, MaterialId};
 pub use mesh::Mesh;
 use model::Model;
@@ -43,11 +44,18 @@ pub struct Scene {
     pub mesh: Arc<Mesh>,
     /// Triangles without area, left out of everything.
     pub degenerate: usize,
+    /// Radiance of the sky in W·sr⁻¹·m⁻², the same from all directions; zero: there is none.
+    pub sky: Rgb,
+    /// The direction that is up.
+    pub up: Vec3,
     /// The place in the model files' coordinates that is the origin here: zero, except where the models lie
     /// so far away that f32 would lose digits.
     pub origin: DVec3,
     /// Length of a unit of the coordinates.
     pub metres_per_unit: f64,
+    /// The cameras of the model files by name, in the files' order.
+    #[serde(skip)]
+    pub views: Vec<(String, Camera)>,
     #[serde(skip)]
     pub warnings: Vec<Warning>,
     /// Files that were read beside those that the document names.
@@ -91,8 +99,11 @@ impl Scene {
             materials: materials.into(),
             textures: Arc::default(),
             mesh: mesh.into(),
+            sky: Rgb::ZERO,
+            up: Camera::USUAL_UP,
             origin: DVec3::ZERO,
             metres_per_unit: 1.0,
+            views: Vec::new(),
             warnings: Vec::new(),
             files: Vec::new(),
             known_topology: Arc::default(),
@@ -110,9 +121,10 @@ impl Scene {
         let load = |path: &PathBuf| read::load(path, |name| replaced.contains(name));
         let models = description.models.iter().map(load).collect::<Result<Vec<Model>>>()?;
         let origin = origin_of(&models);
+        let stated_up = models.iter().find_map(|model| model.up);
         let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
         let (mut mesh, mut textures) = (Mesh::default(), vec![]);
-        let (mut warnings, mut files) = (Vec::new(), Vec::new());
+        let (mut views, mut warnings, mut files) = (Vec::new(), Vec::new(), Vec::new());
         for (number, mut model) in (0..).zip(models) {
             let at = |corner: u32| (model.positions[corner as usize] - origin).as_vec3();
             triangles.extend(model.triangles.iter().map(|corners| Triangle { p: corners.map(at) }));
@@ -125,6 +137,7 @@ impl Scene {
             mesh.append(number, model.mesh);
             warnings.extend(model.warnings);
             files.extend(model.files);
+            views.extend(model.views);
         }
         if origin != DVec3::ZERO {
             warnings.push(Warning::new(format!(
@@ -132,10 +145,21 @@ impl Scene {
                 origin.x, origin.y, origin.z
             )));
         }
+        for material in &mut materials {
+            // A format that knows sides says with them what emits, not what reflects.
+            material.emits_on_back = material.two_sided;
+            material.two_sided = !description.one_sided;
+        }
         description.override_materials(&mut materials)?;
 
         let mut scene = Scene::with_mesh(triangles, material_of, materials, mesh);
+        scene.views = views;
+        scene.up = description.up.or(stated_up).unwrap_or_else(|| upright::guess(&scene.triangles));
+        if description.camera.is_none() && scene.views.is_empty() && scene.up != Camera::USUAL_UP {
+            warnings.push(upright::said(scene.up));
+        }
         scene.textures = textures.into();
+        scene.sky = description.sky.unwrap_or(if scene.emits() { Rgb::ZERO } else { Rgb::ONE });
         scene.origin = origin;
         scene.metres_per_unit = description.metres_per_unit;
         if scene.degenerate > 0 {
@@ -144,6 +168,9 @@ impl Scene {
                 scene.degenerate,
                 scene.degenerate + scene.triangles.len()
             )));
+        }
+        if description.sky.is_none() && scene.sky != Rgb::ZERO {
+            warnings.push(nothing_emits(&scene));
         }
         scene.warnings = warnings;
         scene.files = files;
@@ -174,13 +201,6 @@ impl Scene {
     /// Whether any triangle emits light.
     pub fn emits(&self) -> bool {
         self.material_of.iter().any(|m| self.materials[m.0 as usize].emits())
-    }
-
-    /// The luminance of the dimmest material that emits; infinite if none does.
-    pub fn dimmest_emitter(&self) -> f32 {
-        let emitting = self.material_of.iter().map(|m| &self.materials[m.0 as usize]);
-        let luminances = emitting.filter(|m| m.emits()).map(|m| luminance(m.radiance));
-        luminances.fold(f32::INFINITY, f32::min)
     }
 
     /// Which of two triangles in one place a ray hits is chance, and so is the light on both.
@@ -230,6 +250,31 @@ impl Scene {
     }
 }
 
+/// Says where the light comes from, and how to have another.
+fn nothing_emits(scene: &Scene) -> Warning {
+    let used = |material: usize| scene.material_of.iter().any(|m| m.0 as usize == material);
+    let mut lamps =
+        scene.materials.iter().enumerate().filter(|(i, m)| looks_like_lamp(m) && used(*i));
+    let example = match lamps.next() {
+        Some((_, lamp)) => {
+            let name = obj::text::quote(&lamp.name);
+            format!(
+                "; the material {name} looks like a lamp: --emit '{}=10'",
+                lamp.name.escape_debug()
+            )
+        }
+        None => "; or let a material shine: --emit MATERIAL=RADIANCE".to_string(),
+    };
+    Warning::new(format!(
+        "nothing in the scene emits light, so a sky of radiance 1 lights it (another: --sky){example}"
+    ))
+}
+
+fn looks_like_lamp(material: &Material) -> bool {
+    let name = material.name.to_lowercase();
+    ["light", "lamp", "emit", "emissive", "bulb"].iter().any(|word| name.contains(word))
+}
+
 /// A round place near models that lie far from the origin, compared with their own size; else zero.
 fn origin_of(models: &[Model]) -> DVec3 {
     let positions = || models.iter().flat_map(|model| &model.positions);
@@ -249,7 +294,6 @@ const FAR: f64 = 64.0;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     #[test]
     fn triangles_without_area_are_counted_and_left_out() {

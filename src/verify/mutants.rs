@@ -6,8 +6,10 @@ use super::leaks::leaks;
 use super::rays::{RayKind, RaySource};
 use super::survey::{Peer, survey};
 use crate::bvh::mutants::{CONTROL, MUTANTS, Mutant};
+use crate::framing::fitted;
 use crate::geometry::{BruteForce, MollerTrumbore, Triangle};
-use crate::scene::{Camera, Material, MaterialId, Scene};
+use crate::patches::Sides;
+use crate::scene::{Material, MaterialId, Scene};
 use glam::{Quat, Vec3};
 
 const RAYS: u64 = 10_000;
@@ -48,8 +50,11 @@ fn brute_force(triangles: &[Triangle]) -> Peer<'_> {
 fn surveyed(mutant: &Mutant) -> Option<String> {
     let scene = room();
     let native = (mutant.build)(&scene.triangles);
-    let camera =
-        Camera::fitted(&scene.triangles, &BruteForce::<MollerTrumbore>::new(&scene.triangles));
+    let camera = fitted(
+        &scene,
+        &Sides::of_all(&scene),
+        &BruteForce::<MollerTrumbore>::new(&scene.triangles),
+    );
     let source = RaySource::new(&scene, &camera, 1);
     let peers = [brute_force(&scene.triangles)];
     let finding = survey(&scene.triangles, &*native, &peers, &source, RAYS / 2, &()).remove(0);

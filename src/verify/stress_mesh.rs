@@ -1,7 +1,9 @@
 //! The stress mesh, made of what breaks ray tracers: slivers, needles, the tiny beside the huge, duplicates, coplanar
 //! overlaps, intersections, triangles without area.
 
+use crate::framing::fitted;
 use crate::geometry::{BruteForce, MollerTrumbore, Triangle};
+use crate::patches::Sides;
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::{Camera, Material, MaterialId, Scene};
 use glam::Vec3;
@@ -15,11 +17,13 @@ pub(crate) fn stress_scene(seed: u64) -> (Scene, Camera) {
     for index in 0..TRIANGLES {
         triangles.push(stress_triangle(seed, index, &triangles));
     }
-    let camera = Camera::fitted(&triangles, &BruteForce::<MollerTrumbore>::new(&triangles));
     let material_of = vec![MaterialId(0); triangles.len()];
     // A scene that is made in the usual way leaves out what has no area.
     let empty = Scene::new(Vec::new(), Vec::new(), vec![Material::fallback()]);
-    (Scene { triangles: triangles.into(), material_of: material_of.into(), ..empty }, camera)
+    let scene = Scene { triangles: triangles.into(), material_of: material_of.into(), ..empty };
+    let caster = BruteForce::<MollerTrumbore>::new(&scene.triangles);
+    let camera = fitted(&scene, &Sides::of_all(&scene), &caster);
+    (scene, camera)
 }
 
 /// Around the origin, within ±1 but for the huge ones.

@@ -4,7 +4,7 @@ use divan::{Bencher, black_box};
 use isolux::field::Interpolated;
 use isolux::form_factor::{Estimator, Rows};
 use isolux::geometry::{Ray, RayCaster};
-use isolux::patches::{PatchId, PatchMesh, Subdivision};
+use isolux::patches::{PatchId, PatchMesh, Sides, Subdivision};
 use isolux::sampling::{PointSet, Purpose, Stream};
 use isolux::settings::PatchSettings;
 use isolux::{Document, Frame, Scene, Settings, Solution, Tracer, View};
@@ -48,7 +48,7 @@ fn build_the_hierarchy(bencher: Bencher) {
 fn trace_4096_camera_rays(bencher: Bencher) {
     let (document, scene) = (document(), scene());
     let tracer = Tracer::build(&scene);
-    let camera = document.view(&scene, &tracer);
+    let camera = document.view(&scene, &Sides::of_all(&scene), &tracer);
     let stream = Stream::new(1, Purpose::Pixel, 0, PointSet::Sobol);
     let point = |k| stream.point(k);
     let rays: Vec<Ray> = (0..4096).map(point).map(|[x, y, ..]| camera.ray(x, y, 1.0)).collect();

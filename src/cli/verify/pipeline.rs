@@ -50,16 +50,14 @@ pub(super) fn run(
     // Two pictures at a time, and one for the differences.
     let frame = render::frame(None, Some(samples), seed, &description.image, 3)
         .map_err(|error| error.in_file_if_none(&description.file))?;
-    let settings = Choices::new(&Settings { seed, ..Settings::default() }, &mesh)?;
+    let settings = Choices::new(&Settings { seed, ..Settings::default() }, scene)?;
     let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: View::CREASE };
     let comparison = pipeline
         .compare(&pair, &Bars::new())
         .map_err(|error| error.in_file_if_none(&description.file))?;
 
-    let exposure = description
-        .image
-        .exposure
-        .unwrap_or_else(|| tone::automatic_exposure(&comparison.smooth, scene.dimmest_emitter()));
+    let exposure =
+        description.image.exposure.unwrap_or_else(|| tone::automatic_exposure(&comparison.smooth));
     let bytes = Format::of(path)?.encode(&comparison.difference_image(exposure), exposure)?;
     let summary = comparison.summary;
     let report = PipelineReport { peer: peer.name, patches: mesh.len(), summary };

@@ -1,0 +1,194 @@
+//! A camera for a scene that came without one.
+//!
+//! An object is seen whole, from three quarters outside. A room, whose walls turn their backs or their
+//! dark sides outwards, is seen from within.
+
+use crate::geometry::bounds::Bounds;
+use crate::geometry::{RayCaster, TriangleId};
+use crate::patches::Sides;
+use crate::scene::{Camera, Document, Scene};
+use glam::Vec3;
+
+const FOV_OUTSIDE: f32 = 40.0;
+const FOV_INSIDE: f32 = 80.0;
+/// Room around what is seen whole.
+const MARGIN: f32 = 1.06;
+
+impl Document {
+    /// The described camera, or the first of the model files, or one that is fitted to the scene, of whose triangles the given sides reflect.
+    pub fn view(&self, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> Camera {
+        match self.camera.as_ref().or(scene.views.first().map(|(_, camera)| camera)) {
+            Some(camera) => camera.placed(scene.origin),
+            None => fitted(scene, sides, caster),
+        }
+    }
+}
+
+/// See the [module](self).
+pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> Camera {
+    let judged = |cameras: Vec<Camera>| -> Vec<(Seen, Camera)> {
+        cameras.into_iter().map(|c| (Seen::by(&c, scene, sides, caster), c)).collect()
+    };
+    let (bounds, frame) = (scene.bounds(), Axes::of(scene.up));
+    let outside = judged(outside(&bounds, frame));
+    let inside = judged(inside(&bounds, frame));
+    let best = |views: &[(Seen, Camera)], count: fn(&Seen) -> usize| {
+        // Of equal views the first, so that `max_by_key` must look from the end.
+        let best = views.iter().rev().max_by_key(|(seen, _)| count(seen));
+        best.cloned().expect("there are always candidates")
+    };
+    let (from_outside, from_inside) = (best(&outside, |s| s.fronts), best(&inside, |s| s.fronts));
+    let mostly = |part: usize, of: usize| 2 * part >= of && of > 0;
+    let camera = if mostly(from_outside.0.fronts, from_outside.0.hits) {
+        from_outside.1
+    } else if mostly(from_inside.0.fronts, GRID * GRID) {
+        from_inside.1
+    } else {
+        let (from_outside, from_inside) = (best(&outside, |s| s.lit), best(&inside, |s| s.lit));
+        let whole = mostly(from_outside.0.lit, from_outside.0.hits) || from_inside.0.lit == 0;
+        if whole { from_outside.1 } else { from_inside.1 }
+    };
+    camera.from_frame_of(scene.origin)
+}
+
+/// Directions of a scene that stands upright.
+#[derive(Clone, Copy)]
+struct Axes {
+    up: Vec3,
+    right: Vec3,
+    /// Towards the viewer.
+    front: Vec3,
+}
+
+impl Axes {
+    /// With y up, the viewer stands at +z, and with z up at −y.
+    fn of(up: Vec3) -> Axes {
+        let right = if up.x.abs() > 0.9 { Vec3::Y } else { Vec3::X };
+        Axes { up, right, front: right.cross(up) }
+    }
+
+    fn direction(self, right: f32, up: f32, front: f32) -> Vec3 {
+        (self.right * right + self.up * up + self.front * front).normalize()
+    }
+}
+
+/// Three-quarter views first, then those along the axes.
+fn outside(bounds: &Bounds, axes: Axes) -> Vec<Camera> {
+    let corners = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
+        .map(|(x, z)| axes.direction(0.6 * x, 0.45, z));
+    let straight = [axes.front, axes.right, -axes.front, -axes.right];
+    let camera = |from| whole(bounds, from, axes.up);
+    corners.into_iter().chain(straight).filter_map(camera).collect()
+}
+
+/// The camera that sees all of the box, from a direction.
+fn whole(bounds: &Bounds, from: Vec3, up: Vec3) -> Option<Camera> {
+    let center = bounds.center();
+    let size = bounds.diagonal().length().max(f32::MIN_POSITIVE);
+    let right = up.cross(from).try_normalize()?;
+    let top = from.cross(right);
+    let slope = (0.5 * FOV_OUTSIDE).to_radians().tan();
+    let distance = (0..8)
+        .map(|corner| {
+            let part =
+                |bit: u32, low: f32, high: f32| if corner >> bit & 1 == 0 { low } else { high };
+            let (min, max) = (bounds.min, bounds.max);
+            let p = Vec3::new(part(0, min.x, max.x), part(1, min.y, max.y), part(2, min.z, max.z));
+            let offset = p - center;
+            let aside = right.dot(offset).abs().max(top.dot(offset).abs());
+            from.dot(offset) + aside / slope
+        })
+        .fold(size * 1e-3, f32::max);
+    Camera::new(center + from * (distance * MARGIN), center, up, FOV_OUTSIDE, 0.0).ok()
+}
+
+/// From the middle of each wall and from the corners to the middle of the room.
+fn inside(bounds: &Bounds, axes: Axes) -> Vec<Camera> {
+    let (center, half) = (bounds.center(), 0.5 * bounds.diagonal());
+    let straight = [axes.front, axes.right, -axes.front, -axes.right].map(|d| d * half * 0.96);
+    let corners = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
+        .map(|(x, z)| (axes.right * x + axes.front * z + axes.up * 0.25) * half * 0.9);
+    let camera = |from: Vec3| Camera::new(center + from, center, axes.up, FOV_INSIDE, 0.0).ok();
+    straight.into_iter().chain(corners).filter_map(camera).collect()
+}
+
+const GRID: usize = 48;
+
+/// How many of a grid of rays meet what.
+#[derive(Clone, Default)]
+struct Seen {
+    hits: usize,
+    /// Sides that reflect; light sources themselves do not count.
+    lit: usize,
+    /// The fronts among them.
+    fronts: usize,
+}
+
+impl Seen {
+    fn by(camera: &Camera, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> Seen {
+        let mut seen = Seen::default();
+        for i in 0..GRID * GRID {
+            let [x, y] = [i % GRID, i / GRID].map(|k| (k as f32 + 0.5) / GRID as f32);
+            let ray = camera.ray(x, y, 1.0);
+            let Some(hit) = caster.nearest(&ray) else { continue };
+            seen.hits += 1;
+            seen.add(scene, sides, hit.triangle, ray.direction);
+        }
+        seen
+    }
+
+    fn add(&mut self, scene: &Scene, sides: &[Sides], triangle: TriangleId, direction: Vec3) {
+        let is_front = scene.triangles[triangle.index()].normal().dot(direction) < 0.0;
+        let side = sides[triangle.index()];
+        let reflects = if is_front { side.front } else { side.back };
+        if reflects && scene.material(triangle).radiance_of(!is_front) == Vec3::ZERO {
+            self.lit += 1;
+            self.fronts += is_front as usize;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{BruteForce, MollerTrumbore, Triangle, shapes};
+    use crate::scene::{Material, MaterialId};
+
+    fn scene(triangles: Vec<Triangle>) -> Scene {
+        let material_of = vec![MaterialId(0); triangles.len()];
+        Scene::new(triangles, material_of, vec![Material::fallback()])
+    }
+
+    fn fit(scene: &Scene) -> Camera {
+        let caster = BruteForce::<MollerTrumbore>::new(&scene.triangles);
+        fitted(scene, &Sides::of_all(scene), &caster)
+    }
+
+    #[test]
+    fn a_single_triangle_is_seen_from_its_front() {
+        let (a, b, c) = (Vec3::ZERO, Vec3::X, Vec3::Y);
+        let axis = |t| fit(&scene(vec![t])).ray(0.5, 0.5, 1.0).direction;
+        assert!(axis(Triangle::new(a, b, c)).z < 0.0);
+        assert!(axis(Triangle::new(a, c, b)).z > 0.0);
+    }
+
+    #[test]
+    fn an_object_is_seen_whole_from_outside_and_a_room_from_within() {
+        let cube = shapes::cube(Vec3::ZERO, 1.0);
+        let object = fit(&scene(cube.clone()));
+        let bounds = scene(cube.clone()).bounds();
+        for i in 0..GRID * 4 {
+            let along = i % GRID;
+            let edge = (along as f32 + 0.5) / GRID as f32;
+            let (x, y) = [(edge, 0.0), (edge, 1.0), (0.0, edge), (1.0, edge)][i / GRID];
+            let (triangles, ray) = (cube.clone(), object.ray(x, y, 1.0));
+            assert!(BruteForce::<MollerTrumbore>::new(&triangles).nearest(&ray).is_none());
+        }
+        let inside = |camera: &Camera| {
+            let eye = camera.ray(0.5, 0.5, 1.0).origin;
+            eye.cmpge(bounds.min).all() && eye.cmple(bounds.max).all()
+        };
+        assert!(!inside(&object));
+        assert!(inside(&fit(&scene(shapes::inside_out(cube)))));
+    }
+}

@@ -1,0 +1,126 @@
+//! Sides that no light can reach, so that nothing is spent on them.
+//!
+//! Surfaces reflect on both sides, yet of a solid nobody sees the inside, and of a room nobody the outside
+//! of its walls. Sides that hang together are looked at as one: random walks start from them, bounce
+//! wherever they land, and ask at every point whether a light can be seen. If one of them can, the sides
+//! are lit. If none can, they are left without patches: black. A gap so narrow that no walk finds it lets
+//! in no light that would be seen either.
+
+use crate::geometry::{Ray, RayCaster, TriangleId};
+use crate::light::{Facet, Light};
+use crate::patches::{Side, Sides};
+use crate::sampling::{PointSet, Purpose, Stream, cosine_hemisphere};
+use crate::scene::Scene;
+use crate::scene::groups::Groups;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Walks from sides that hang together: at least this many, and more from large meshes.
+const WALKS: usize = 256;
+/// Bounces of a walk. In a maze light goes around more corners, and grows dim.
+const BOUNCES: u32 = 8;
+
+/// The sides of each triangle that light can reach. What emits is always among them.
+pub(crate) fn lit_sides(
+    scene: &Scene,
+    caster: &dyn RayCaster,
+    lights: &[&dyn Light],
+    seed: u64,
+) -> Vec<Sides> {
+    let mut sides = Sides::of_all(scene);
+    let search = Search { scene, caster, lights, seed, sides: &sides };
+    let dark: Vec<Vec<usize>> =
+        connected(scene, &sides).into_par_iter().filter(|part| !search.is_lit(part)).collect();
+    for side in dark.into_iter().flatten() {
+        let sides = &mut sides[side / 2];
+        *if side % 2 == 0 { &mut sides.front } else { &mut sides.back } = false;
+    }
+    sides
+}
+
+/// The sides that hang together over edges with two triangles, part by part. A side's number is twice its
+/// triangle's, plus one if it is the back.
+fn connected(scene: &Scene, sides: &[Sides]) -> Vec<Vec<usize>> {
+    let topology = scene.topology();
+    let mut groups = Groups::new(2 * sides.len());
+    for edge in topology.edges() {
+        let halves: Vec<_> = edge.take(3).collect();
+        let [a, b] = halves[..] else { continue };
+        let start = |half: crate::scene::topology::HalfEdge| {
+            topology.corners[half.triangle.index()][half.start]
+        };
+        // Neighbours that are wound alike run along their edge in opposite directions.
+        let turned = (start(a) == start(b)) as usize;
+        for back in 0..2 {
+            groups.join(2 * a.triangle.index() + back, 2 * b.triangle.index() + (back ^ turned));
+        }
+    }
+    let exists = |side: &usize| {
+        let sides = sides[side / 2];
+        if side % 2 == 0 { sides.front } else { sides.back }
+    };
+    let mut by_root: Vec<(usize, usize)> =
+        (0..2 * sides.len()).filter(exists).map(|side| (groups.root(side), side)).collect();
+    by_root.sort_unstable();
+    by_root.chunk_by(|a, b| a.0 == b.0).map(|part| part.iter().map(|(_, s)| *s).collect()).collect()
+}
+
+struct Search<'a> {
+    scene: &'a Scene,
+    caster: &'a dyn RayCaster,
+    lights: &'a [&'a dyn Light],
+    seed: u64,
+    sides: &'a [Sides],
+}
+
+impl Search<'_> {
+    fn is_lit(&self, part: &[usize]) -> bool {
+        let emits = |&side: &usize| {
+            let material = self.scene.material(TriangleId(side as u32 / 2));
+            material.radiance_of(side % 2 == 1) != Vec3::ZERO
+        };
+        let walks = WALKS + part.len() / 16;
+        part.iter().any(emits)
+            || (0..walks).any(|walk| {
+                // Spread over the part, however many sides it has.
+                let side = part[walk * part.len() / walks];
+                let number = (side as u64) << 32 | walk as u64;
+                self.finds_light(
+                    side,
+                    Stream::new(self.seed, Purpose::LitSides, number, PointSet::Random),
+                )
+            })
+    }
+
+    /// Whether a walk from this side comes to a point that sees a light.
+    fn finds_light(&self, side: usize, stream: Stream) -> bool {
+        let side = Side::new(self.scene, TriangleId(side as u32 / 2), side % 2 == 1);
+        let [x0, x1, ..] = stream.point(0);
+        let (mut point, mut normal) = Facet::new(side.shape(self.scene), &side).point([x0, x1]);
+        for bounce in 1..=BOUNCES {
+            let [l0, l1, d0, d1] = stream.point(bounce);
+            if self.sees_light(point, normal, [l0, l1]) {
+                return true;
+            }
+            let ray = Ray::new(point, cosine_hemisphere(normal, d0, d1));
+            let Some(hit) = self.caster.nearest(&ray) else { return false };
+            let triangle = &self.scene.triangles[hit.triangle.index()];
+            let is_back = triangle.normal().dot(ray.direction) >= 0.0;
+            let sides = self.sides[hit.triangle.index()];
+            if !(if is_back { sides.back } else { sides.front }) {
+                return false;
+            }
+            let side = Side::new(self.scene, hit.triangle, is_back);
+            (point, normal) = (side.lifted(triangle.at(hit.u, hit.v)), side.normal);
+        }
+        false
+    }
+
+    fn sees_light(&self, point: Vec3, normal: Vec3, xi: [f32; 2]) -> bool {
+        let clear = |light: &&dyn Light| {
+            let sample = light.sample_at(point, normal, xi);
+            sample.is_some_and(|sample| !self.caster.occluded(&sample.segment))
+        };
+        self.lights.iter().any(clear)
+    }
+}
