@@ -18,6 +18,12 @@ pub fn srgb_encode(linear: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// The inverse of [`srgb_encode`]: encoded [0, 1] to linear [0, 1]. Clamps; NaN is 0.
+pub fn srgb_decode(encoded: f32) -> f32 {
+    let x = if encoded.is_nan() { 0.0 } else { encoded.clamp(0.0, 1.0) };
+    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -30,6 +36,15 @@ mod tests {
         assert!((srgb_encode(0.214_041_14) - 0.5).abs() < 1e-4);
         assert_eq!(srgb_encode(7.0), srgb_encode(1.0));
         assert_eq!(srgb_encode(f32::NAN), 0.0);
+    }
+
+    #[test]
+    fn decoding_undoes_encoding() {
+        for step in 0..=255 {
+            let encoded = step as f32 / 255.0;
+            assert!((srgb_encode(srgb_decode(encoded)) - encoded).abs() < 1e-6, "{step}");
+        }
+        assert_eq!(srgb_decode(f32::NAN), 0.0);
     }
 
     #[test]

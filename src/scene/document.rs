@@ -1,7 +1,7 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
 use super::obj::text::{decode, quote, read_bytes};
-use super::read::is_model;
+use super::read::{is_model, refusal};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -20,7 +20,7 @@ pub struct Document {
     /// The description file, or the bare model.
     pub file: PathBuf,
     pub title: String,
-    /// At least one OBJ file, with the description's folder put before relative names.
+    /// At least one model, with the description's folder put before relative names.
     pub models: Vec<PathBuf>,
     pub metres_per_unit: f64,
     /// `None`: to be fitted to the scene.
@@ -203,7 +203,7 @@ impl Document {
         Scene::load(self)
     }
 
-    /// Reads a `.toml` description, or makes one for a bare `.obj`.
+    /// Reads a `.toml` description, or makes one for a bare model.
     ///
     /// # Errors
     /// A file that cannot be read, a name with another ending, TOML that is malformed or says
@@ -214,9 +214,7 @@ impl Document {
         match extension.as_deref() {
             Some("toml") => Document::read(path),
             _ if is_model(path) => Ok(Document::bare(path)),
-            _ => Err(Error::new("this is neither a scene description nor a model")
-                .in_file(path)
-                .remedy("name a .toml description or an .obj model")),
+            _ => Err(refusal(path)),
         }
     }
 
@@ -451,7 +449,7 @@ mod tests {
 
     #[test]
     fn other_endings_are_refused() {
-        for name in ["scene.ply", "scene", ""] {
+        for name in ["scene.fbx", "scene", ""] {
             assert!(Document::open(Path::new(name)).is_err(), "{name}");
         }
     }

@@ -38,7 +38,7 @@ pub struct Origin {
 pub struct Part {
     /// Index into [`Document::models`](super::Document::models).
     pub model: u32,
-    /// The name after `o`.
+    /// The name after `o`, or of the node, mesh or solid.
     pub object: Option<String>,
     /// The names after `g`.
     pub group: Option<String>,

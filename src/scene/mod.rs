@@ -7,10 +7,16 @@ pub(crate) mod inspect;
 pub mod material;
 pub mod mesh;
 mod model;
+#[cfg(test)]
+mod mutation;
 pub(crate) mod obj;
+mod ply;
 mod read;
+mod sniff;
+mod stl;
 pub mod texture;
 pub mod topology;
+mod triangulate;
 mod upright;
 
 use crate::color::Rgb;

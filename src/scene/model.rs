@@ -3,9 +3,11 @@
 use super::camera::Camera;
 use super::material::{Material, MaterialId};
 use super::mesh::Mesh;
+use super::obj::text::LARGEST;
 use super::texture::Texture;
-use crate::error::Warning;
+use crate::error::{Error, Result, Warning};
 use glam::{DVec3, Vec3};
+use std::fmt;
 use std::path::PathBuf;
 
 /// A model in the coordinates and the unit of length of its file.
@@ -30,4 +32,17 @@ pub(crate) struct Model {
     pub views: Vec<(String, Camera)>,
     /// The direction that the format says is up, or `None` where it leaves that open.
     pub up: Option<Vec3>,
+}
+
+/// The position, if it is one that a model may have; `place` begins the message: "vertex 3: ".
+pub(super) fn checked_position(position: DVec3, place: fmt::Arguments) -> Result<DVec3> {
+    match position.to_array().into_iter().find(|x| x.is_nan() || x.abs() > f64::from(LARGEST)) {
+        None => Ok(position),
+        Some(x) if x.is_finite() => {
+            Err(Error::new(format!("{place}coordinate {x:e} is larger than {LARGEST:e}"))
+                .remedy("scale the model down, for instance from millimetres to metres"))
+        }
+        Some(x) => Err(Error::new(format!("{place}coordinate {x} is not a finite number"))
+            .remedy("correct the number, or export the model again")),
+    }
 }

@@ -9,11 +9,11 @@ mod mtl_materials;
 mod mtl_reader;
 mod reader;
 pub(crate) mod text;
-mod triangulate;
 
 use super::material::{Material, MaterialId};
 use super::mesh::{Mesh, Origin, PerCorner};
 use super::model::Model;
+use super::triangulate::Triangulator;
 use crate::error::{Error, Result};
 use mtl_files::read_library;
 use mtl_materials::{Role, materials};
@@ -21,7 +21,6 @@ use mtl_reader::Library;
 use reader::{ObjFile, read_obj};
 use std::path::Path;
 use text::{decode, read_bytes};
-use triangulate::Triangulator;
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
 ///

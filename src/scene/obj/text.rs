@@ -43,7 +43,7 @@ pub(in crate::scene) fn decode(bytes: Vec<u8>, path: &Path, format: &str) -> Res
 
 /// The lines of `text`, each with its number from 1. A line that ends in a backslash is joined
 /// with the next one and keeps its own number.
-pub(super) fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+pub(in crate::scene) fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     // Classic Mac OS ended its lines with a lone carriage return.
     let ending = if text.contains('\n') { '\n' } else { '\r' };
@@ -68,7 +68,7 @@ pub(super) fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_,
 
 /// Splits `line` into its first word and the trimmed rest; a comment or an empty line has the
 /// first word "".
-pub(super) fn keyword_and_rest(line: &str) -> (&str, &str) {
+pub(in crate::scene) fn keyword_and_rest(line: &str) -> (&str, &str) {
     let line = line.trim();
     if line.starts_with('#') {
         return ("", "");
@@ -79,12 +79,12 @@ pub(super) fn keyword_and_rest(line: &str) -> (&str, &str) {
 
 /// The words before a comment. A `#` begins a comment only where it begins a word, so that the
 /// `1.#QNAN` of some exporters is not taken for a 1.
-pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
+pub(in crate::scene) fn words(rest: &str) -> impl Iterator<Item = &str> {
     rest.split_ascii_whitespace().take_while(|word| !word.starts_with('#'))
 }
 
 /// Reads a finite number. The error lacks file and line; the caller knows them.
-pub(super) fn number<T: Float>(word: &str) -> Result<T> {
+pub(in crate::scene) fn number<T: Float>(word: &str) -> Result<T> {
     match word.parse::<T>() {
         Ok(value) if value.is_finite() => Ok(value),
         Ok(_) => Err(Error::new(format!("{} is not a finite number", quote(word)))
@@ -95,7 +95,7 @@ pub(super) fn number<T: Float>(word: &str) -> Result<T> {
 }
 
 /// A floating-point number of either width.
-pub(super) trait Float: std::str::FromStr {
+pub(in crate::scene) trait Float: std::str::FromStr {
     fn is_finite(&self) -> bool;
 }
 
