@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod document;
+mod gltf;
 pub(crate) mod groups;
 pub(crate) mod inspect;
 pub mod material;

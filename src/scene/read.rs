@@ -2,12 +2,12 @@
 
 use super::model::Model;
 use super::obj::text::read_bytes;
-use super::{obj, ply, sniff, stl};
+use super::{gltf, obj, ply, sniff, stl};
 use crate::error::{Error, Result};
 use std::path::Path;
 
 /// The formats, by the endings of their files' names.
-pub(crate) const FORMATS: [&str; 3] = ["obj", "ply", "stl"];
+pub(crate) const FORMATS: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
 
 /// Endings of formats that other programs turn into one of [`FORMATS`].
 const FOREIGN: [&str; 14] = [
@@ -34,6 +34,7 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     }
     match ending.as_str() {
         "obj" => obj::load(path, overrides),
+        "gltf" | "glb" => gltf::load(path),
         "ply" => ply::load(path),
         "stl" => stl::load(path),
         _ => Err(refusal(path)),
@@ -107,7 +108,7 @@ mod tests {
             ("a.ply", b"# Blender v3\no x\nv 0 0 0\n", "this is an OBJ model", "end in .obj"),
             ("a.dae", b"", "models that end in .dae are not read", "glTF (.glb)"),
             ("a.STP", b"", "models that end in .stp are not read", "glTF (.glb)"),
-            ("a.txt", b"hello", "this is neither a scene description nor a model", ".obj, .ply"),
+            ("a.txt", b"hello", "this is neither a scene description nor a model", ".obj, .gltf"),
         ] {
             let message = message(name, content);
             assert!(message.starts_with(&format!("{name}: {cause}")), "{message}");

@@ -94,11 +94,13 @@ fn text(head: &str) -> Option<Content> {
     if head.to_ascii_lowercase().starts_with("solid") && head.contains("facet") {
         return Some(STL);
     }
-    // An OBJ file has no magic; statements after comments are its sign.
-    let statement = |line: &str| ["v ", "mtllib ", "o ", "g "].iter().any(|s| line.starts_with(s));
-    let mut lines = head.lines().map(str::trim_start);
-    let first = lines.find(|line| !line.is_empty() && !line.starts_with('#'));
-    first.is_some_and(statement).then_some(OBJ)
+    // An OBJ file has no magic; a vertex or a name of materials is its sign.
+    let vertex = |line: &str| {
+        let mut words = line.split_ascii_whitespace();
+        words.next() == Some("v") && words.next().is_some_and(|x| x.parse::<f64>().is_ok())
+    };
+    let statement = |line: &str| line.starts_with("mtllib ") || vertex(line);
+    head.lines().any(statement).then_some(OBJ)
 }
 
 impl Content {

@@ -1,7 +1,10 @@
 //! Pictures on surfaces, and how materials use them.
 
+use crate::error::{Error, Result};
 use glam::Affine2;
+use image::{ImageReader, Limits};
 use serde::{Deserialize, Serialize};
+use std::io::Cursor;
 use std::sync::Arc;
 
 /// Index into [`Scene::textures`](super::Scene::textures).
@@ -22,7 +25,7 @@ pub struct Texture {
 }
 
 /// What a texture shows outside its square.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Wrap {
     #[default]
     Repeat,
@@ -37,4 +40,24 @@ pub struct Map {
     /// From the mesh's (u, v), which run right and up as in OBJ files, to the texture's, of which (0, 0) is
     /// the lower left corner of the picture.
     pub transform: Affine2,
+}
+
+/// The picture in `bytes`, whatever its format.
+///
+/// # Errors
+/// A format that is not read, a malformed picture, or one that is too large to be held.
+pub(crate) fn decode_texture(name: String, bytes: &[u8], wrap: [Wrap; 2]) -> Result<Texture> {
+    let broken = |why: String| Error::new(format!("the picture cannot be decoded: {why}"));
+    let mut reader = ImageReader::new(Cursor::new(bytes))
+        .with_guessed_format()
+        .map_err(|error| broken(error.to_string()))?;
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(1 << 14);
+    limits.max_image_height = Some(1 << 14);
+    limits.max_alloc = Some(1 << 28);
+    reader.limits(limits);
+    let picture = reader.decode().map_err(|error| broken(error.to_string()))?.into_rgba8();
+    let (width, height) = picture.dimensions();
+    let pixels = picture.pixels().map(|pixel| pixel.0).collect();
+    Ok(Texture { name, width, height, pixels, wrap })
 }

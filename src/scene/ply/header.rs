@@ -15,6 +15,9 @@ pub(super) struct Header {
 
 const COLORS: [&str; 3] = ["red", "green", "blue"];
 
+const KEYWORDS: [&str; 7] =
+    ["ply", "format", "comment", "obj_info", "element", "property", "end_header"];
+
 /// The names of texture coordinates.
 pub(super) const TEXTURE: [[&str; 2]; 3] = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];
 
@@ -50,7 +53,9 @@ fn split(bytes: &[u8]) -> Result<(Vec<String>, &[u8])> {
         let ending = if rest[end..].starts_with(b"\r\n") { 2 } else { 1 };
         rest = &rest[end + ending..];
         let last = line == "end_header";
-        lines.push(if line.is_empty() { "comment".to_owned() } else { line });
+        // Some programs write comments without the word.
+        let keyword = line.split(' ').next().unwrap_or_default();
+        lines.push(if KEYWORDS.contains(&keyword) { line } else { "comment".to_owned() });
         if last {
             return Ok((lines, rest));
         }

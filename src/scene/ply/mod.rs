@@ -25,13 +25,13 @@ use std::path::Path;
 /// # Errors
 /// A file that cannot be read, has no faces, or says something without meaning.
 pub(super) fn load(path: &Path) -> Result<Model> {
-    let bytes = model_bytes(path)?;
-    let read = || {
-        let (header, body) = header::read_header(&bytes)?;
-        let payload = read_payload(&header, body)?;
-        model(path, &header, payload)
-    };
-    read().map_err(|error| error.in_file_if_none(path))
+    read(path, &model_bytes(path)?).map_err(|error| error.in_file_if_none(path))
+}
+
+fn read(path: &Path, bytes: &[u8]) -> Result<Model> {
+    let (header, body) = header::read_header(bytes)?;
+    let payload = read_payload(&header, body)?;
+    model(path, &header, payload)
 }
 
 fn model(path: &Path, header: &Header, payload: Payload) -> Result<Model> {

@@ -1,0 +1,68 @@
+//! The bytes that a glTF model names: beside it, in data URIs, or in its own binary chunk.
+
+use crate::error::{Error, Result, Warning};
+use crate::scene::obj::text::{quote, read_bytes};
+use base64::Engine;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use percent_encoding::percent_decode_str;
+use std::path::{Component, Path, PathBuf};
+
+/// Reads what URIs name, relative to a model, and keeps a record.
+pub(super) struct Files<'a> {
+    model: &'a Path,
+    pub read: Vec<PathBuf>,
+    pub warnings: Vec<Warning>,
+}
+
+impl<'a> Files<'a> {
+    pub(super) fn new(model: &'a Path) -> Self {
+        Files { model, read: Vec::new(), warnings: Vec::new() }
+    }
+
+    pub(super) fn bytes(&mut self, uri: &str) -> Result<Vec<u8>> {
+        if let Some(data) = uri.strip_prefix("data:") {
+            return data_uri(data);
+        }
+        if uri.contains("://") && !uri.starts_with("file://") {
+            return Err(Error::new(format!("{} is not a file", quote(uri)))
+                .remedy("download it, and name it relative to the model"));
+        }
+        let decoded = percent_decode_str(uri.trim_start_matches("file://")).decode_utf8_lossy();
+        // Windows programs write backslashes.
+        let name = decoded.replace('\\', "/");
+        let relative = Path::new(&name);
+        let leaves = |part| !matches!(part, Component::Normal(_) | Component::CurDir);
+        if relative.components().any(leaves) {
+            self.warnings.push(Warning::in_file(
+                self.model,
+                None,
+                format!("the model reads {}, which is outside its folder", quote(&name)),
+            ));
+        }
+        let path = self.model.parent().unwrap_or(Path::new("")).join(relative);
+        let bytes = read_bytes(&path).map_err(|error| {
+            Error::new(format!("cannot read {}: {error}", quote(&name)))
+                .remedy("put the file where the model looks for it")
+        })?;
+        if !self.read.contains(&path) {
+            self.read.push(path);
+        }
+        Ok(bytes)
+    }
+}
+
+/// What follows `data:`.
+fn data_uri(data: &str) -> Result<Vec<u8>> {
+    let broken = |why: &str| {
+        Error::new(format!("a data URI is malformed: {why}")).remedy("export the model again")
+    };
+    let (kind, data) = data.split_once(',').ok_or_else(|| broken("it has no comma"))?;
+    if !kind.ends_with(";base64") {
+        return Ok(percent_decode_str(data).collect());
+    }
+    let config = GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true);
+    GeneralPurpose::new(&STANDARD, config).decode(data).map_err(|e| broken(&e.to_string()))
+}

@@ -1,0 +1,215 @@
+//! The triangles of glTF meshes, in the scene's coordinates.
+
+use super::accessor::Data;
+use super::budget::Budget;
+use super::json::{self, Node, Primitive};
+use super::materials::quoted;
+use super::nodes::AGAIN;
+use super::pose::{self, Pose};
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::scene::material::MaterialId;
+use crate::scene::mesh::{Mesh, Origin, Part, PerCorner};
+use crate::scene::model::checked_position;
+use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+/// Collects the triangles of a scene.
+#[derive(Default)]
+pub(super) struct Geometry {
+    pub positions: Vec<DVec3>,
+    pub triangles: Vec<[u32; 3]>,
+    pub material_of: Vec<MaterialId>,
+    parts: Vec<Part>,
+    origins: Vec<Origin>,
+    texture: Attribute<Vec2>,
+    normals: Attribute<Vec3>,
+    colors: Attribute<Rgb>,
+    /// How many primitives are points or lines, or have no positions.
+    pub not_triangles: usize,
+    budget: Budget,
+}
+
+/// Values at corners, and each triangle's numbers of them.
+#[derive(Default)]
+struct Attribute<T> {
+    values: Vec<T>,
+    numbers: Vec<[u32; 3]>,
+}
+
+impl<T> Attribute<T> {
+    /// Adds the values of a primitive, and those that its triangles have.
+    fn extend(&mut self, values: Vec<T>, triangles: &[[u32; 3]]) {
+        let (before, count) = (self.values.len() as u32, values.len() as u32);
+        self.values.extend(values);
+        let number = |corner: u32| if corner < count { before + corner + 1 } else { 0 };
+        self.numbers.extend(triangles.iter().map(|corners| corners.map(number)));
+    }
+}
+
+/// A primitive of a mesh, where its mesh stands.
+pub(super) struct Placement<'a> {
+    pub node: &'a Node,
+    pub mesh: usize,
+    pub primitive: usize,
+    pub pose: Pose<'a>,
+    /// The material's number, and its set of texture coordinates.
+    pub material: MaterialId,
+    pub texture_set: u32,
+}
+
+impl Geometry {
+    /// Begins an object with the name of a node, or of its mesh.
+    pub(super) fn object(&mut self, name: Option<&String>) {
+        self.parts.push(Part { model: 0, object: name.cloned(), group: None });
+    }
+
+    /// Adds a primitive to the object that was begun last.
+    pub(super) fn add(&mut self, data: &Data, place: &Placement) -> Result<()> {
+        let mesh = &data.root.meshes[place.mesh];
+        let primitive = &mesh.primitives[place.primitive];
+        let positions = json::index(&primitive.attributes, "POSITION");
+        let (Some(positions), 4..=6) = (positions, primitive.mode.unwrap_or(4)) else {
+            self.not_triangles += 1;
+            return Ok(());
+        };
+        let name = quoted(&mesh.name, place.mesh);
+        let mut positions = data.read::<3>(positions)?;
+        pose::morph(data, place.node, mesh, primitive, &mut positions)?;
+        let mut triangles = triangles(data, primitive, positions.len(), &name)?;
+        self.reserve(positions.len(), triangles.len())?;
+        let (positions, mirrored) = place.pose.apply(data, primitive, positions)?;
+        if mirrored {
+            triangles.iter_mut().for_each(|[_, b, c]| std::mem::swap(b, c));
+        }
+        self.attributes(data, place, primitive, &triangles)?;
+        let before = self.positions.len() as u32;
+        for (number, position) in positions.into_iter().enumerate() {
+            let place =
+                format_args!("mesh {name}, primitive {}, vertex {number}: ", place.primitive);
+            self.positions.push(checked_position(position, place)?);
+        }
+        let part = self.parts.len() as u32 - 1;
+        for corners in triangles {
+            self.triangles.push(corners.map(|corner| corner + before));
+            self.material_of.push(place.material);
+            self.origins.push(Origin { face: self.triangles.len() as u32, part });
+        }
+        Ok(())
+    }
+
+    fn attributes(
+        &mut self,
+        data: &Data,
+        place: &Placement,
+        primitive: &Primitive,
+        triangles: &[[u32; 3]],
+    ) -> Result<()> {
+        let accessor = |name: &str| json::index(&primitive.attributes, name);
+        let texture = match accessor(&format!("TEXCOORD_{}", place.texture_set)) {
+            Some(accessor) => data.read::<2>(accessor)?,
+            None => Vec::new(),
+        };
+        // v runs down in glTF.
+        let up = |[u, v]: [f64; 2]| finite(Vec2::new(u as f32, (1.0 - v) as f32));
+        self.texture.extend(texture.into_iter().map(up).collect(), triangles);
+        let normals = match accessor("NORMAL") {
+            Some(accessor) => data.read::<3>(accessor)?,
+            None => Vec::new(),
+        };
+        self.normals.extend(place.pose.normals(normals), triangles);
+        self.colors.extend(colors(data, accessor("COLOR_0"))?, triangles);
+        Ok(())
+    }
+
+    /// Many small meshes may name one large list.
+    fn reserve(&mut self, positions: usize, triangles: usize) -> Result<()> {
+        const PER_POSITION: u64 = 2 * size_of::<DVec3>() as u64 + 32;
+        const PER_TRIANGLE: u64 = 5 * size_of::<[u32; 3]>() as u64 + 12;
+        let large = |before: usize, more: usize| before + more > u32::MAX as usize - 1;
+        if large(self.positions.len(), positions) || large(self.triangles.len(), triangles) {
+            return Err(Error::new("the model has more triangles than can be numbered")
+                .remedy("split the model, or simplify it"));
+        }
+        self.budget.take(positions as u64 * PER_POSITION + triangles as u64 * PER_TRIANGLE)
+    }
+
+    pub(super) fn mesh(&mut self) -> Mesh {
+        fn per_corner<T: Copy>(attribute: &mut Attribute<T>) -> Option<PerCorner<T>> {
+            let Attribute { values, numbers } = attribute;
+            PerCorner::new(std::mem::take(values), std::mem::take(numbers))
+        }
+        Mesh {
+            origins: std::mem::take(&mut self.origins),
+            parts: std::mem::take(&mut self.parts),
+            texture: per_corner(&mut self.texture),
+            normals: per_corner(&mut self.normals),
+            colors: per_corner(&mut self.colors),
+        }
+    }
+}
+
+/// The triangles of a primitive, as indices into its own vertices.
+fn triangles(
+    data: &Data,
+    primitive: &Primitive,
+    vertices: usize,
+    mesh: &str,
+) -> Result<Vec<[u32; 3]>> {
+    let corners = match primitive.indices {
+        Some(accessor) => data.indices(accessor)?,
+        None => (0..vertices as u32).collect(),
+    };
+    if let Some(corner) = corners.iter().find(|corner| **corner as usize >= vertices) {
+        let cause = format!("mesh {mesh} names vertex {corner}, but it has {vertices} vertices");
+        return Err(Error::new(cause).remedy(AGAIN));
+    }
+    Ok(match primitive.mode {
+        Some(5) => {
+            let turned = |(k, w): (usize, &[u32])| [w[0], w[1 + k % 2], w[2 - k % 2]];
+            corners.windows(3).enumerate().map(turned).collect()
+        }
+        Some(6) => {
+            let rim = corners.get(1..).unwrap_or_default();
+            rim.windows(2).map(|w| [corners[0], w[0], w[1]]).collect()
+        }
+        _ => corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
+    })
+}
+
+/// Linear colours; their opacity is left aside.
+fn colors(data: &Data, accessor: Option<usize>) -> Result<Vec<Rgb>> {
+    let Some(accessor) = accessor else { return Ok(Vec::new()) };
+    let color = |r: f64, g: f64, b: f64| {
+        finite(Rgb::new(r as f32, g as f32, b as f32)).clamp(Rgb::ZERO, Rgb::ONE)
+    };
+    Ok(match data.shape(accessor)? {
+        4 => data.read::<4>(accessor)?.into_iter().map(|[r, g, b, _]| color(r, g, b)).collect(),
+        _ => data.read::<3>(accessor)?.into_iter().map(|[r, g, b]| color(r, g, b)).collect(),
+    })
+}
+
+/// What only matters to the look is zero where it has no meaning.
+pub(super) trait Finite: Default {
+    fn is_finite(&self) -> bool;
+}
+
+impl Finite for Vec2 {
+    fn is_finite(&self) -> bool {
+        Vec2::is_finite(*self)
+    }
+}
+
+impl Finite for Vec3 {
+    fn is_finite(&self) -> bool {
+        Vec3::is_finite(*self)
+    }
+}
+
+pub(super) fn finite<T: Finite>(value: T) -> T {
+    if value.is_finite() { value } else { T::default() }
+}
+
+/// Whether the transform turns the front to the back.
+pub(super) fn is_mirror(transform: &DAffine3) -> bool {
+    transform.matrix3.determinant() < 0.0
+}

@@ -1,0 +1,257 @@
+//! Materials of glTF models as diffuse ones, and their textures.
+
+use super::accessor::Data;
+use super::budget::Budget;
+use super::files::Files;
+use super::json::{self, Extensions, SpecularGlossiness, TextureInfo, TextureTransform};
+use crate::color::Rgb;
+use crate::error::{Error, Result, Warning};
+use crate::scene::material::Material;
+use crate::scene::obj::text::quote;
+use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
+use glam::{Affine2, Vec2};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// A model's materials, in the order of its file, and what they need.
+#[derive(Default)]
+pub(super) struct Materials {
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    /// Per material: the set of texture coordinates that its maps use.
+    pub texture_sets: Vec<u32>,
+    pub warnings: Vec<Warning>,
+}
+
+/// Extensions of materials that a diffuse one leaves aside, with the words for it.
+const LEFT_ASIDE: [(&str, &str); 10] = [
+    ("KHR_materials_unlit", "unlit"),
+    ("KHR_materials_pbrSpecularGlossiness", "specular and glossy"),
+    ("KHR_materials_transmission", "transmissive"),
+    ("KHR_materials_diffuse_transmission", "translucent"),
+    ("KHR_materials_clearcoat", "clear-coated"),
+    ("KHR_materials_sheen", "with sheen"),
+    ("KHR_materials_specular", "specular"),
+    ("KHR_materials_iridescence", "iridescent"),
+    ("KHR_materials_volume", "with volume"),
+    ("KHR_materials_subsurface", "with subsurface scattering"),
+];
+
+/// Reads the materials; only those that are `used` need their textures.
+pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -> Materials {
+    let mut reader = Reader {
+        path,
+        data,
+        files,
+        out: Materials::default(),
+        images: HashMap::new(),
+        known: HashMap::new(),
+        other_sets: 0,
+        budget: Budget::default(),
+    };
+    for (number, material) in data.root.materials.iter().enumerate() {
+        reader.material(number, material, used[number]);
+    }
+    reader.warn();
+    reader.out
+}
+
+struct Reader<'a, 'f> {
+    path: &'a Path,
+    data: &'a Data<'a>,
+    files: &'a mut Files<'f>,
+    out: Materials,
+    /// Decoded images by number; `None` for one that cannot be read.
+    images: HashMap<usize, Option<Texture>>,
+    known: HashMap<(usize, [Wrap; 2]), TextureId>,
+    /// How many maps use other texture coordinates than their materials' first.
+    other_sets: usize,
+    budget: Budget,
+}
+
+impl Reader<'_, '_> {
+    fn material(&mut self, number: usize, json: &json::Material, used: bool) {
+        let glossy: Option<SpecularGlossiness> =
+            json::extension(&json.extensions, "KHR_materials_pbrSpecularGlossiness");
+        let pbr = &json.pbr_metallic_roughness;
+        let (factor, texture) = match &glossy {
+            Some(glossy) => (glossy.diffuse_factor, &glossy.diffuse_texture),
+            None => (pbr.base_color_factor, &pbr.base_color_texture),
+        };
+        let [r, g, b, alpha] = factor.unwrap_or([1.0; 4]).map(|x| x as f32);
+        let (base, emissive) = (texture.as_ref(), json.emissive_texture.as_ref());
+        let set = base.or(emissive).map_or(0, texture_set);
+        let mut map =
+            |info: Option<&TextureInfo>| info.filter(|_| used).and_then(|info| self.map(info, set));
+        let (reflectance_map, radiance_map) = (map(base), map(emissive));
+        let strength =
+            json::number(&json.extensions, "KHR_materials_emissive_strength", "emissiveStrength");
+        let emitted = json.emissive_factor.unwrap_or_default().map(|x| x * strength.unwrap_or(1.0));
+        let (share, cutoff) = opacity(json, alpha);
+        self.out.texture_sets.push(set);
+        self.out.materials.push(Material {
+            name: json.name.clone().unwrap_or_else(|| format!("material {number}")),
+            reflectance: Rgb::new(r, g, b).clamp(Rgb::ZERO, Rgb::ONE),
+            radiance: Rgb::from(emitted.map(|x| x.clamp(0.0, f32::MAX.into()) as f32)),
+            two_sided: json.double_sided,
+            reflectance_map,
+            radiance_map: radiance_map.filter(|_| emitted != [0.0; 3]),
+            opacity: share * (1.0 - transmission(&json.extensions)),
+            opacity_map: reflectance_map.filter(|_| is_cut_out(json)),
+            opacity_cutoff: cutoff,
+        });
+    }
+
+    /// The map of a texture that uses the texture coordinates with number `set`.
+    fn map(&mut self, info: &TextureInfo, set: u32) -> Option<Map> {
+        if texture_set(info) != set {
+            self.other_sets += 1;
+            return None;
+        }
+        let root = self.data.root;
+        let Some(json) = root.textures.get(info.index) else {
+            self.warn_of(&format!("texture {}", info.index), &Error::new("it does not exist"));
+            return None;
+        };
+        let webp = json.extensions.get("EXT_texture_webp").and_then(|webp| webp.get("source"));
+        let source = json.source.or(webp.and_then(|source| source.as_u64()).map(|s| s as usize));
+        let Some(image) = source else {
+            let error = Error::new("its picture is in a format that is not read");
+            self.warn_of(&format!("texture {}", info.index), &error);
+            return None;
+        };
+        let sampler = json.sampler.and_then(|sampler| root.samplers.get(sampler));
+        let wrap = sampler.map_or([None; 2], |s| [s.wrap_s, s.wrap_t]).map(wrap);
+        let texture = self.texture(image, wrap)?;
+        Some(Map { texture, transform: transform(info) })
+    }
+
+    fn texture(&mut self, image: usize, wrap: [Wrap; 2]) -> Option<TextureId> {
+        if let Some(id) = self.known.get(&(image, wrap)) {
+            return Some(*id);
+        }
+        if !self.images.contains_key(&image) {
+            let decoded = self.image(image);
+            if let Err(error) = &decoded {
+                self.warn_of(&format!("image {image}"), error);
+            }
+            self.images.insert(image, decoded.ok());
+        }
+        let texture = self.images[&image].clone()?;
+        let id = TextureId(self.out.textures.len() as u32);
+        self.out.textures.push(Texture { wrap, ..texture });
+        self.known.insert((image, wrap), id);
+        Some(id)
+    }
+
+    fn image(&mut self, image: usize) -> Result<Texture> {
+        let json = self.data.root.images.get(image);
+        let json = json.ok_or_else(|| Error::new("it does not exist"))?;
+        let name = json.name.clone().unwrap_or_else(|| match &json.uri {
+            Some(uri) if !uri.starts_with("data:") => uri.clone(),
+            _ => format!("image {image}"),
+        });
+        let texture = match (&json.uri, json.buffer_view) {
+            (Some(uri), _) => decode_texture(name, &self.files.bytes(uri)?, [Wrap::Repeat; 2]),
+            (None, Some(view)) => decode_texture(name, self.data.view(view)?.0, [Wrap::Repeat; 2]),
+            (None, None) => Err(Error::new("it has no bytes")),
+        }?;
+        self.budget.take(size_of_val(&*texture.pixels) as u64)?;
+        Ok(texture)
+    }
+
+    fn warn_of(&mut self, what: &str, error: &Error) {
+        let error = error.to_string();
+        let cause = error.lines().next().unwrap_or_default();
+        let text = format!("{what} cannot be used: {cause}; the material's factor alone counts");
+        self.out.warnings.push(Warning::in_file(self.path, None, text));
+    }
+
+    /// One warning for all that a diffuse material leaves aside.
+    fn warn(&mut self) {
+        let materials = &self.data.root.materials;
+        let metallic = |m: &&json::Material| {
+            let pbr = &m.pbr_metallic_roughness;
+            let glossy = m.extensions.contains_key("KHR_materials_pbrSpecularGlossiness");
+            let unlit = m.extensions.contains_key("KHR_materials_unlit");
+            !glossy && !unlit && pbr.metallic_factor.unwrap_or(1.0) > 0.0
+        };
+        let with =
+            |name: &str| materials.iter().filter(|m| m.extensions.contains_key(name)).count();
+        let kinds = LEFT_ASIDE.map(|(name, words)| (with(name), words));
+        let kinds =
+            [(materials.iter().filter(metallic).count(), "metallic")].into_iter().chain(kinds);
+        let list: Vec<String> =
+            kinds.filter(|(n, _)| *n > 0).map(|(n, words)| format!("{n} {words}")).collect();
+        if !list.is_empty() {
+            let text = format!("materials are taken as diffuse: {}", list.join(", "));
+            self.out.warnings.push(Warning::in_file(self.path, None, text));
+        }
+        if self.other_sets > 0 {
+            let text = format!(
+                "textures with other texture coordinates than their material's first are ignored ({} in \
+                 all)",
+                self.other_sets
+            );
+            self.out.warnings.push(Warning::in_file(self.path, None, text));
+        }
+    }
+}
+
+fn is_cut_out(json: &json::Material) -> bool {
+    matches!(json.alpha_mode.as_deref(), Some("MASK" | "BLEND"))
+}
+
+/// The opacity without its map, and the cutoff.
+fn opacity(json: &json::Material, alpha: f32) -> (f32, Option<f32>) {
+    let cutoff = json.alpha_cutoff.unwrap_or(0.5) as f32;
+    match json.alpha_mode.as_deref() {
+        Some("MASK") => (alpha.clamp(0.0, 1.0), Some(cutoff)),
+        Some("BLEND") => (alpha.clamp(0.0, 1.0), None),
+        _ => (1.0, None),
+    }
+}
+
+/// The share of light that goes straight through.
+fn transmission(extensions: &Extensions) -> f32 {
+    let factor = json::number(extensions, "KHR_materials_transmission", "transmissionFactor");
+    factor.unwrap_or(0.0).clamp(0.0, 1.0) as f32
+}
+
+fn wrap(code: Option<u64>) -> Wrap {
+    match code {
+        Some(33071) => Wrap::Clamp,
+        Some(33648) => Wrap::Mirror,
+        _ => Wrap::Repeat,
+    }
+}
+
+fn texture_transform(info: &TextureInfo) -> TextureTransform {
+    json::extension(&info.extensions, "KHR_texture_transform").unwrap_or_default()
+}
+
+/// The set of texture coordinates that a texture uses.
+fn texture_set(info: &TextureInfo) -> u32 {
+    texture_transform(info).tex_coord.unwrap_or(info.tex_coord)
+}
+
+/// In glTF v runs down, here it runs up: the file's transform stands between two flips.
+fn transform(info: &TextureInfo) -> Affine2 {
+    let json = texture_transform(info);
+    let [u, v] = json.scale.unwrap_or([1.0; 2]);
+    let (sin, cos) = json.rotation.sin_cos();
+    let flip = Affine2::from_cols(Vec2::X, Vec2::NEG_Y, Vec2::Y);
+    // Counter-clockwise as seen where v runs down.
+    let own = Affine2::from_cols(
+        u * Vec2::new(cos, -sin),
+        v * Vec2::new(sin, cos),
+        json.offset.unwrap_or_default().into(),
+    );
+    let whole = flip * own * flip;
+    if whole.is_finite() { whole } else { Affine2::IDENTITY }
+}
+
+/// A name of the file for messages.
+pub(super) fn quoted(name: &Option<String>, number: usize) -> String {
+    name.as_deref().map_or_else(|| number.to_string(), quote)
+}
