@@ -1,5 +1,7 @@
 //! The scene: triangles, materials, and what a description file says about looking at them.
 
+mod beside;
+mod budget;
 pub mod camera;
 pub mod document;
 mod gltf;

@@ -2,11 +2,11 @@
 //!
 //! Every list is checked against its buffer before anything is allocated.
 
-use super::budget::Budget;
 use super::container::{COMPRESSIONS, compressed};
-use super::files::Files;
 use super::json::{Accessor, Root, SparseList};
 use crate::error::{Error, Result};
+use crate::scene::beside::Files;
+use crate::scene::budget::Budget;
 
 /// A model's JSON and its buffers.
 pub(super) struct Data<'a> {
@@ -38,7 +38,7 @@ impl<'a> Data<'a> {
         let (mut buffers, mut budget) = (Vec::new(), Budget::default());
         for (number, buffer) in root.buffers.iter().enumerate() {
             let bytes = match &buffer.uri {
-                Some(uri) => Some(files.bytes(uri)?),
+                Some(uri) => Some(files.uri(uri)?),
                 None if number == 0 => binary.map(<[u8]>::to_vec),
                 None => None,
             };

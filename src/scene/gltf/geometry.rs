@@ -1,13 +1,13 @@
 //! The triangles of glTF meshes, in the scene's coordinates.
 
 use super::accessor::Data;
-use super::budget::Budget;
 use super::json::{self, Node, Primitive};
 use super::materials::quoted;
 use super::nodes::AGAIN;
 use super::pose::{self, Pose};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
+use crate::scene::budget::Budget;
 use crate::scene::material::MaterialId;
 use crate::scene::mesh::{Mesh, Origin, Part, PerCorner};
 use crate::scene::model::checked_position;

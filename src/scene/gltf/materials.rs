@@ -1,11 +1,11 @@
 //! Materials of glTF models as diffuse ones, and their textures.
 
 use super::accessor::Data;
-use super::budget::Budget;
-use super::files::Files;
 use super::json::{self, Extensions, SpecularGlossiness, TextureInfo, TextureTransform};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
+use crate::scene::beside::Files;
+use crate::scene::budget::Budget;
 use crate::scene::material::Material;
 use crate::scene::obj::text::quote;
 use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
@@ -152,7 +152,7 @@ impl Reader<'_, '_> {
             _ => format!("image {image}"),
         });
         let texture = match (&json.uri, json.buffer_view) {
-            (Some(uri), _) => decode_texture(name, &self.files.bytes(uri)?, [Wrap::Repeat; 2]),
+            (Some(uri), _) => decode_texture(name, &self.files.uri(uri)?, [Wrap::Repeat; 2]),
             (None, Some(view)) => decode_texture(name, self.data.view(view)?.0, [Wrap::Repeat; 2]),
             (None, None) => Err(Error::new("it has no bytes")),
         }?;

@@ -6,22 +6,20 @@
 //! and panics on some indices that are out of range.
 
 mod accessor;
-mod budget;
 mod container;
-mod files;
 mod geometry;
 mod json;
 mod materials;
 mod nodes;
 mod pose;
 
+use super::beside::Files;
 use super::material::{Material, MaterialId};
 use super::model::Model;
 use super::read::model_bytes;
 use crate::error::{Error, Result, Warning};
 use accessor::Data;
 use container::{COMPRESSIONS, compressed, read_root};
-use files::Files;
 use geometry::{Geometry, Placement};
 use glam::{DAffine3, Vec3};
 use json::Root;

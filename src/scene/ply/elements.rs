@@ -22,6 +22,8 @@ pub(super) struct Face {
     pub color: [f32; 3],
     /// u and v of each corner, if they are the face's own.
     pub texture: Vec<f32>,
+    /// Which of the file's pictures it shows.
+    pub picture: usize,
 }
 
 /// An element that is not used.
@@ -53,7 +55,10 @@ impl Element for Vertex {
 
 impl Element for Face {
     fn scalar(&mut self, name: &str, value: f64, kind: &ScalarType) {
-        color(&mut self.color, name, value, kind);
+        match name {
+            "texnumber" => self.picture = value as usize,
+            _ => drop(color(&mut self.color, name, value, kind)),
+        }
     }
 
     fn list(&mut self, name: &str, values: Vec<f64>) {

@@ -115,6 +115,12 @@ impl Header {
         self.has(element, &COLORS)
     }
 
+    /// The names of the pictures that comments give, as MeshLab writes them.
+    pub(super) fn pictures(&self) -> Vec<&str> {
+        let comments = self.ply.comments.iter();
+        comments.filter_map(|c| c.trim().strip_prefix("TextureFile ")).map(str::trim).collect()
+    }
+
     /// Whether the vertices have texture coordinates.
     pub(super) fn has_texture(&self) -> bool {
         TEXTURE.iter().any(|names| self.has("vertex", names))

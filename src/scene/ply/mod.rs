@@ -6,8 +6,10 @@
 mod elements;
 mod header;
 mod payload;
+mod pictures;
 
-use super::material::{Material, MaterialId};
+use super::beside::Files;
+use super::material::Material;
 use super::mesh::{Mesh, Origin, Part, PerCorner};
 use super::model::{Model, checked_position};
 use super::read::model_bytes;
@@ -18,6 +20,7 @@ use elements::{Face, Vertex};
 use glam::{DVec3, Vec2, Vec3};
 use header::Header;
 use payload::{Payload, read_payload};
+use pictures::{Pictures, material_of};
 use std::path::Path;
 
 /// Reads the PLY model at `path`.
@@ -65,12 +68,24 @@ fn model(path: &Path, header: &Header, payload: Payload) -> Result<Model> {
     let normals = with_normals
         .then(|| cutter.of_vertices(vertices.iter().map(|v| Vec3::from(v.normal))))
         .flatten();
-    // Colours say what is reflected.
-    let reflectance = if colors.is_some() { Rgb::ONE } else { Material::fallback().reflectance };
+    let mut files = Files::new(path);
+    let mut pictures = match texture {
+        Some(_) => pictures::read(path, header, &mut files),
+        None => Pictures::default(),
+    };
+    if pictures.materials.is_empty() {
+        // Colours say what is reflected.
+        let reflectance =
+            if colors.is_some() { Rgb::ONE } else { Material::fallback().reflectance };
+        pictures.materials.push(Material { reflectance, ..Material::fallback() });
+    }
+    files.warnings.extend(cutter.warnings(path));
     Ok(Model {
-        material_of: vec![MaterialId(0); cutter.triangles.len()],
-        materials: vec![Material { reflectance, ..Material::fallback() }],
-        warnings: cutter.warnings(path),
+        material_of: material_of(&cutter.origins, &faces, pictures.materials.len()),
+        materials: pictures.materials,
+        textures: pictures.textures,
+        files: files.read,
+        warnings: files.warnings,
         mesh: Mesh {
             origins: cutter.origins,
             parts: vec![Part::default()],

@@ -106,6 +106,28 @@ fn faces_may_have_colours_and_texture_coordinates_of_their_own() {
 }
 
 #[test]
+fn pictures_that_comments_name_are_on_the_faces_that_number_them() {
+    let text = POSITIONS
+        .replace("element", "comment TextureFile my a.png\ncomment TextureFile b.png\nelement")
+        + "element face 2\nproperty list uchar int vertex_indices\n\
+           property list uchar float texcoord\nproperty int texnumber\nend_header\n\
+           0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 1 0 0 1 0\n3 2 1 0 6 0 0 1 0 0 1 1\n";
+    let mut png = std::io::Cursor::new(Vec::new());
+    let picture = image::RgbaImage::from_pixel(1, 1, image::Rgba([1, 2, 3, 255]));
+    picture.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    let files: [(&str, &[u8]); 2] = [("a.ply", text.as_bytes()), ("my a.png", png.get_ref())];
+    let (model, warnings) = mutation::load_files(&files, load).unwrap();
+    assert_eq!(model.material_of.iter().map(|id| id.0).collect::<Vec<_>>(), [0, 1]);
+    assert_eq!(*model.textures[0].pixels, [[1, 2, 3, 255]]);
+    assert!(model.files[0].ends_with("my a.png"));
+    let maps: Vec<bool> = model.materials.iter().map(|m| m.reflectance_map.is_some()).collect();
+    assert_eq!(maps, [true, false]);
+    assert!(
+        warnings[0].starts_with("a.ply: the picture `b.png` cannot be used: cannot read `b.png`")
+    );
+}
+
+#[test]
 fn what_has_no_meaning_is_refused_with_its_place() {
     let body = |rest: &str| format!("{POSITIONS}{rest}");
     let face = "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n";

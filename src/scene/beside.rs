@@ -1,4 +1,4 @@
-//! The bytes that a glTF model names: beside it, in data URIs, or in its own binary chunk.
+//! The files that a model names, which are looked for beside it.
 
 use crate::error::{Error, Result, Warning};
 use crate::scene::obj::text::{quote, read_bytes};
@@ -8,7 +8,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use percent_encoding::percent_decode_str;
 use std::path::{Component, Path, PathBuf};
 
-/// Reads what URIs name, relative to a model, and keeps a record.
+/// Reads what a model names, relative to it, and keeps a record.
 pub(super) struct Files<'a> {
     model: &'a Path,
     pub read: Vec<PathBuf>,
@@ -20,7 +20,8 @@ impl<'a> Files<'a> {
         Files { model, read: Vec::new(), warnings: Vec::new() }
     }
 
-    pub(super) fn bytes(&mut self, uri: &str) -> Result<Vec<u8>> {
+    /// The bytes of a URI, which may hold them itself.
+    pub(super) fn uri(&mut self, uri: &str) -> Result<Vec<u8>> {
         if let Some(data) = uri.strip_prefix("data:") {
             return data_uri(data);
         }
@@ -29,8 +30,13 @@ impl<'a> Files<'a> {
                 .remedy("download it, and name it relative to the model"));
         }
         let decoded = percent_decode_str(uri.trim_start_matches("file://")).decode_utf8_lossy();
+        self.file(&decoded)
+    }
+
+    /// The bytes of a file.
+    pub(super) fn file(&mut self, name: &str) -> Result<Vec<u8>> {
         // Windows programs write backslashes.
-        let name = decoded.replace('\\', "/");
+        let name = name.replace('\\', "/");
         let relative = Path::new(&name);
         let leaves = |part| !matches!(part, Component::Normal(_) | Component::CurDir);
         if relative.components().any(leaves) {
