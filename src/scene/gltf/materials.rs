@@ -94,6 +94,7 @@ impl Reader<'_, '_> {
             reflectance: Rgb::new(r, g, b).clamp(Rgb::ZERO, Rgb::ONE),
             radiance: Rgb::from(emitted.map(|x| x.clamp(0.0, f32::MAX.into()) as f32)),
             two_sided: json.double_sided,
+            emits_on_back: json.double_sided,
             reflectance_map,
             radiance_map: radiance_map.filter(|_| emitted != [0.0; 3]),
             opacity: share * (1.0 - transmission(&json.extensions)),
