@@ -30,24 +30,24 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
         cameras.into_iter().map(|c| (Seen::by(&c, scene, sides, caster), c)).collect()
     };
     let (bounds, frame) = (scene.bounds(), Axes::of(scene.up));
-    let outside = judged(outside(&bounds, frame));
+    let [corners, straight] = outside(&bounds, frame).map(judged);
     let inside = judged(inside(&bounds, frame));
     let best = |views: &[(Seen, Camera)], count: fn(&Seen) -> usize| {
         // Of equal views the first, so that `max_by_key` must look from the end.
         let best = views.iter().rev().max_by_key(|(seen, _)| count(seen));
         best.cloned().expect("there are always candidates")
     };
-    let (from_outside, from_inside) = (best(&outside, |s| s.fronts), best(&inside, |s| s.fronts));
     let mostly = |part: usize, of: usize| 2 * part >= of && of > 0;
-    let camera = if mostly(from_outside.0.fronts, from_outside.0.hits) {
-        from_outside.1
-    } else if mostly(from_inside.0.fronts, GRID * GRID) {
-        from_inside.1
-    } else {
-        let (from_outside, from_inside) = (best(&outside, |s| s.lit), best(&inside, |s| s.lit));
-        let whole = mostly(from_outside.0.lit, from_outside.0.hits) || from_inside.0.lit == 0;
-        if whole { from_outside.1 } else { from_inside.1 }
-    };
+    // First by the fronts that are seen; if no view shows any to speak of, by what reflects at all.
+    let counts: [fn(&Seen) -> usize; 2] = [|seen| seen.fronts, |seen| seen.lit];
+    let found = counts.into_iter().find_map(|count| {
+        let [corner, straight] = [best(&corners, count), best(&straight, count)];
+        let inside = best(&inside, count);
+        let from_outside = |(seen, _): &(Seen, Camera)| mostly(count(seen), seen.hits);
+        let from_inside = |(seen, _): &(Seen, Camera)| mostly(count(seen), GRID * GRID);
+        [corner, straight].into_iter().find(from_outside).or(Some(inside).filter(from_inside))
+    });
+    let (_, camera) = found.unwrap_or_else(|| best(&corners, |seen| seen.hits));
     camera.from_frame_of(scene.origin)
 }
 
@@ -72,13 +72,13 @@ impl Axes {
     }
 }
 
-/// Three-quarter views first, then those along the axes.
-fn outside(bounds: &Bounds, axes: Axes) -> Vec<Camera> {
+/// Three-quarter views, and those along the axes.
+fn outside(bounds: &Bounds, axes: Axes) -> [Vec<Camera>; 2] {
     let corners = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
         .map(|(x, z)| axes.direction(0.6 * x, 0.45, z));
     let straight = [axes.front, axes.right, -axes.front, -axes.right];
     let camera = |from| whole(bounds, from, axes.up);
-    corners.into_iter().chain(straight).filter_map(camera).collect()
+    [corners, straight].map(|from| from.into_iter().filter_map(camera).collect())
 }
 
 /// The camera that sees all of the box, from a direction.
