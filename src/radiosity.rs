@@ -239,7 +239,7 @@ fn direct_light(
         direct.rays += estimator.rays();
         go_on(progress).map(|()| light)
     };
-    let (emitters, samples) = (EmittingTriangles::of(&mesh.scene), settings.direct_samples);
+    let (emitters, samples) = (EmittingTriangles::of_patches(mesh), settings.direct_samples);
     let from_emitters = match samples {
         0 => None,
         _ => Some(sample(&emitters, samples, Purpose::DirectLight)?),

@@ -10,7 +10,7 @@
 //! Numbers are little-endian and floats are stored as their bits, so that a file gives the same bits on
 //! every machine.
 
-use crate::color::Rgb64;
+use crate::color::{Rgb, Rgb64};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
 use crate::patches::{PatchMesh, Sides};
@@ -18,7 +18,7 @@ use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::document::{ImageDefaults, is_view_name};
 use crate::scene::obj::text::read_bytes;
-use crate::scene::{Camera, Document, Material, Scene};
+use crate::scene::{Camera, Document, Scene, Texture};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -232,12 +232,15 @@ impl Solution {
         }
         // Counted before any patch is made.
         let patches = PatchMesh::count(scene, &self.levels, &self.sides)?;
+        let is_share = |c: &Rgb| c.cmpge(Rgb::ZERO).all() && c.cmple(Rgb::ONE).all();
         let is_light = |h: &Rgb64| h.is_finite() && h.cmpge(Rgb64::ZERO).all();
         let means_something = self.irradiance.len() == patches
             && self.uncovered.len() == patches
             && self.irradiance.iter().all(is_light)
             && self.uncovered.iter().all(|share| (0.0..=1.0).contains(share))
-            && scene.materials.iter().all(Material::is_possible)
+            && scene.textures.iter().all(Texture::is_possible)
+            && scene.materials.iter().all(|m| m.is_possible(scene.textures.len()))
+            && scene.mesh.colors.iter().flat_map(|c| &c.values).all(is_share)
             && (1e-30..=1e30).contains(&scene.metres_per_unit)
             && std::iter::once(&self.camera).chain(self.views.values()).all(Camera::is_possible)
             && self.views.keys().all(|name| is_view_name(name));
@@ -276,7 +279,7 @@ mod tests {
     use super::*;
     use crate::geometry::Triangle;
     use crate::patches::Subdivision;
-    use crate::scene::{Material, MaterialId};
+    use crate::scene::{Map, Material, MaterialId, TextureId};
     use crate::settings::Settings;
     use glam::Vec3;
     use std::time::Duration;
@@ -370,6 +373,20 @@ mod tests {
         let materials = [too_bright].into();
         refused(
             Solution { scene: Scene { materials, ..good.scene.clone() }, ..good.clone() },
+            itself,
+        );
+        let map = Map { texture: TextureId(0), transform: glam::Affine2::IDENTITY };
+        let mapped = Material { reflectance_map: Some(map), ..Material::fallback() };
+        let materials = [mapped].into();
+        refused(
+            Solution { scene: Scene { materials, ..good.scene.clone() }, ..good.clone() },
+            itself,
+        );
+        let mut texture = Texture::new("x".into(), [1, 1], [[0; 4]].into(), Default::default());
+        texture.width = 2;
+        let textures = [texture].into();
+        refused(
+            Solution { scene: Scene { textures, ..good.scene.clone() }, ..good.clone() },
             itself,
         );
         refused(

@@ -47,7 +47,7 @@ pub(super) struct RenderArguments {
     #[arg(long, value_name = "FACTOR", value_parser = parse_positive, help_heading = "Picture")]
     pub exposure: Option<f32>,
 
-    /// Radiance behind the scene: one number or R,G,B [default: the sky's]
+    /// Radiance behind the scene: one number or R,G,B [default: the sky]
     #[arg(long, value_name = "RADIANCE", value_parser = parse_radiance, help_heading = "Picture")]
     pub background: Option<Rgb>,
 

@@ -152,7 +152,7 @@ impl Pipeline<'_> {
 
     fn direct_light(&self, pair: &Pair) -> Compared {
         let settings = &self.settings;
-        let emitters = EmittingTriangles::of(&self.mesh.scene);
+        let emitters = EmittingTriangles::of_patches(self.mesh);
         let sky = UniformSky::new(self.mesh.scene.sky);
         let mut lights: Vec<(&dyn Light, u32, Purpose)> = Vec::new();
         if settings.direct_samples > 0 {

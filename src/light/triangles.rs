@@ -1,15 +1,17 @@
 //! Triangles that emit.
+//!
+//! Where a texture makes the radiance vary, each patch emits its mean: the pattern inside a patch is not sampled.
 
 use super::{Light, LightSample};
-use crate::color::{Rgb64, luminance};
+use crate::color::{Rgb, Rgb64, luminance};
 use crate::form_factor::pairs::{Facet, PairPoint, sample};
 use crate::geometry::TriangleId;
-use crate::patches::Side;
+use crate::patches::{PatchMesh, Side};
 use crate::scene::Scene;
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// The sides that emit, each chosen with a probability in proportion to its power.
+/// The sides that emit, or their patches, each chosen with a probability in proportion to its power.
 pub struct EmittingTriangles {
     emitters: Vec<Emitter>,
     /// Sum of the probabilities up to and including each emitter; the last is 1.
@@ -23,6 +25,7 @@ struct Emitter {
 }
 
 impl EmittingTriangles {
+    /// Whole sides, as if no texture made their radiance vary.
     pub fn of(scene: &Scene) -> Self {
         let triangles = (0..scene.triangles.len() as u32).map(TriangleId);
         let sides = triangles.filter(|t| scene.material(*t).emits()).flat_map(|triangle| {
@@ -34,7 +37,15 @@ impl EmittingTriangles {
             exitance: (scene.material(side.triangle).radiance * PI).as_dvec3(),
             probability: 0.0,
         };
-        let mut emitters: Vec<Emitter> = sides.map(emitter).collect();
+        EmittingTriangles::new(sides.map(emitter).collect())
+    }
+
+    /// As `of`, for the patches of a scene: where a texture makes the radiance vary, each patch is an emitter.
+    pub fn of_patches(mesh: &PatchMesh) -> Self {
+        EmittingTriangles::new(mesh.sides().iter().flat_map(|side| emitters_of(mesh, side)).collect())
+    }
+
+    fn new(mut emitters: Vec<Emitter>) -> Self {
         let power = |e: &Emitter| luminance(e.exitance.as_vec3()) as f64 * e.facet.area();
         let total: f64 = emitters.iter().map(power).sum();
         let mut sum = 0.0;
@@ -72,6 +83,22 @@ impl EmittingTriangles {
     }
 }
 
+/// A side is one emitter where it is alike everywhere, else one per patch, each with its patch's mean: near a
+/// picture that shines, one place is brighter than another.
+fn emitters_of(mesh: &PatchMesh, side: &Side) -> Vec<Emitter> {
+    let emitter = |facet, exitance: Rgb| {
+        let exitance = exitance.as_dvec3();
+        (exitance != Rgb64::ZERO).then_some(Emitter { facet, exitance, probability: 0.0 })
+    };
+    if mesh.is_patterned_light(side) {
+        let patches = side.patches();
+        patches.filter_map(|p| emitter(Facet::patch(mesh, p), mesh.exitance(p))).collect()
+    } else {
+        let facet = Facet::new(side.shape(&mesh.scene), side);
+        emitter(facet, mesh.exitance(side.first)).into_iter().collect()
+    }
+}
+
 impl Light for EmittingTriangles {
     /// Samples one of the triangles, as a pair with the receiver.
     fn sample(&self, receiver: &Facet, [x0, x1, y0, y1]: [f32; 4]) -> Option<LightSample> {
@@ -96,5 +123,25 @@ impl Light for EmittingTriangles {
         let (segment, factor) = emitter.facet.seen_from(point, normal, [y0, y1])?;
         let irradiance = emitter.exitance * (factor as f64 / emitter.probability);
         Some(LightSample { segment, irradiance })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patches::{PatchId, Subdivision, tests::patterned};
+
+    #[test]
+    fn emitters_and_patches_emit_one_power() {
+        for wanted in [0, 3] {
+            let scene = patterned();
+            let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(wanted)).unwrap();
+            let light = EmittingTriangles::of_patches(&mesh);
+            let emitted: Rgb64 = light.emitters.iter().map(|e| e.exitance * e.facet.area()).sum();
+            let patches = (0..mesh.len() as u32).map(PatchId);
+            let power: Rgb64 = patches.map(|p| mesh.exitance(p).as_dvec3() * mesh.area(p)).sum();
+            assert!((emitted - power).abs().max_element() < 1e-6 * power.max_element());
+            assert!(power.min_element() > 0.0);
+        }
     }
 }

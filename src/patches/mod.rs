@@ -6,16 +6,19 @@
 //! [`Cell`].
 
 mod cell;
+mod looks;
 mod surface_point;
 
 use crate::color::Rgb;
 use crate::error::{Error, ErrorKind, Result};
 pub use crate::geometry::triangle::MAX_LEVEL;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
-use crate::scene::{MaterialId, Scene};
+use crate::scene::{Material, MaterialId, Scene};
 use crate::settings::{self, PatchSettings};
 pub use cell::Cell;
 use glam::Vec3;
+pub(crate) use looks::Look;
+use looks::Looks;
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 pub use surface_point::SurfacePoint;
@@ -172,6 +175,8 @@ pub struct PatchMesh {
     side_of_back: Vec<Option<u32>>,
     /// Per patch: its side.
     side_of_patch: Vec<u32>,
+    /// What textures and vertex colours make of the patches.
+    looks: Looks,
 }
 
 impl PatchMesh {
@@ -195,6 +200,7 @@ impl PatchMesh {
             side_of_front: Vec::with_capacity(levels.len()),
             side_of_back: Vec::with_capacity(levels.len()),
             side_of_patch: Vec::new(),
+            looks: Looks::default(),
         };
         for (index, (&level, sides)) in levels.iter().zip(sides).enumerate() {
             let triangle = TriangleId(index as u32);
@@ -203,6 +209,7 @@ impl PatchMesh {
             mesh.side_of_front.push(front);
             mesh.side_of_back.push(back);
         }
+        mesh.looks = Looks::of(&mesh);
         Ok(mesh)
     }
 
@@ -281,15 +288,21 @@ impl PatchMesh {
         self.side(patch).patch_area
     }
 
-    /// Diffuse reflectance ρ of the patch.
+    /// Mean diffuse reflectance ρ of the patch.
     pub fn reflectance(&self, patch: PatchId) -> Rgb {
-        self.scene.materials[self.side(patch).material.0 as usize].reflectance
+        let mean = self.looks.reflectance(patch);
+        mean.unwrap_or_else(|| self.material_of(patch).reflectance)
     }
 
-    /// Exitance E = πL of the patch, in W·m⁻².
+    /// Mean exitance E = πL of the patch, in W·m⁻².
     pub fn exitance(&self, patch: PatchId) -> Rgb {
-        let side = self.side(patch);
-        self.scene.materials[side.material.0 as usize].radiance_of(side.is_back) * PI
+        let (side, material) = (self.side(patch), self.material_of(patch));
+        let mean = self.looks.radiance(patch).filter(|_| material.radiates(side.is_back));
+        mean.unwrap_or_else(|| material.radiance_of(side.is_back)) * PI
+    }
+
+    fn material_of(&self, patch: PatchId) -> &Material {
+        &self.scene.materials[self.side(patch).material.0 as usize]
     }
 
     /// The side that a ray meets at a hit, or `None` for a black side.
@@ -388,9 +401,9 @@ fn shortest_edge_for(edges: &[f64], most: usize) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
+    pub(crate) use super::looks::tests::patterned;
     use super::*;
-    use crate::scene::Material;
 
     fn scene(triangles: Vec<Triangle>, two_sided: bool) -> Scene {
         let materials = vec![Material { two_sided, ..Material::fallback() }];

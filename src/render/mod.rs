@@ -5,7 +5,7 @@ pub(crate) mod tone;
 use crate::color::{Rgb, luminance};
 use crate::field::IrradianceField;
 use crate::geometry::{Hit, Ray, RayCaster};
-use crate::patches::{PatchMesh, SurfacePoint};
+use crate::patches::{Look, PatchMesh, SurfacePoint};
 use crate::progress::{Progress, Stage};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
@@ -32,7 +32,7 @@ pub struct Frame {
     /// Samples per pixel.
     pub samples: u32,
     pub seed: u64,
-    /// Radiance where a ray leaves the scene. `None`: that of the sky.
+    /// Radiance where a ray leaves the scene. `None`: the scene's.
     pub background: Option<Rgb>,
 }
 
@@ -119,6 +119,8 @@ struct Work<'m> {
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
     points: Vec<SurfacePoint<'m>>,
+    /// One per point where the scene has textures or vertex colours; else empty.
+    looks: Vec<Look>,
     irradiance: Vec<Rgb>,
 }
 
@@ -148,16 +150,24 @@ impl<'m> Work<'m> {
         let met = samples.filter_map(|(ray, hit)| SurfacePoint::hit(mesh, ray, &(*hit)?));
         self.points.clear();
         self.points.extend(met);
+        self.looks.clear();
+        if mesh.varies() {
+            self.look(mesh, sample_width(camera, frame));
+        }
         self.irradiance.resize(self.points.len(), Rgb::ZERO);
         let misses = self.hits.iter().filter(|hit| hit.is_none()).count();
-        let background = frame.background.unwrap_or(mesh.scene.sky) * misses as f32;
+        let background = frame.background.unwrap_or(mesh.scene.background) * misses as f32;
         for (pixel, field) in pixel.iter_mut().zip(fields) {
             field.irradiance(&self.points, &mut self.irradiance);
             let (mut sum, mut reflecting, mut count) = (background, Rgb::ZERO, 0);
-            for (point, &irradiance) in self.points.iter().zip(&self.irradiance) {
+            for (k, (point, &irradiance)) in self.points.iter().zip(&self.irradiance).enumerate() {
                 let material = &mesh.scene.materials[point.side.material.0 as usize];
-                let emitted = material.radiance_of(point.side.is_back);
-                let reflected = material.reflectance * irradiance / PI;
+                let look = self.looks.get(k).copied();
+                let Look { radiance, reflectance } = look
+                    .unwrap_or(Look { radiance: material.radiance, reflectance: material.reflectance });
+                let emits = material.radiates(point.side.is_back);
+                let emitted = if emits { radiance } else { Rgb::ZERO };
+                let reflected = reflectance * irradiance / PI;
                 sum += emitted + reflected;
                 if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
                     reflecting += emitted + reflected;
@@ -169,4 +179,24 @@ impl<'m> Work<'m> {
             pixel.reflecting = luminance(reflecting) / count as f32;
         }
     }
+
+    /// Looks at the textures where the rays met sides; `width` is the footprint of a sample at depth 1.
+    fn look(&mut self, mesh: &PatchMesh, width: f32) {
+        let samples = self.rays.iter().zip(&self.hits);
+        let met = samples.filter_map(|(ray, hit)| {
+            let hit = (*hit)?;
+            let side = mesh.side_hit(ray, &hit)?;
+            // The projection of a disc on the surface is longer by 1 / cosθ.
+            let cos = side.normal.dot(ray.direction).abs() / ray.direction.length();
+            Some(mesh.look(&hit, width * hit.t / cos))
+        });
+        self.looks.extend(met);
+    }
+}
+
+/// How wide the part of a pixel is that a sample stands for, at depth 1. The samples share the pixel's area.
+fn sample_width(camera: &Camera, frame: &Frame) -> f32 {
+    let aspect = frame.width as f32 / frame.height as f32;
+    let at = |y: f32| camera.ray(0.5, y, aspect).direction;
+    at(0.5).distance(at(0.5 + 1.0 / frame.height as f32)) / (frame.samples as f32).sqrt()
 }

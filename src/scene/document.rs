@@ -341,8 +341,8 @@ impl MaterialOverride {
             Err(Error::new(format!("[materials.{name}]: {what} is outside {range}"))
                 .remedy("real surfaces reflect less than 0.95 and emit nothing negative"))
         };
-        if self.reflectance.is_some_and(|r| !r.iter().all(|x| (0.0..1.0).contains(x))) {
-            return bad("reflectance", "[0, 1)");
+        if self.reflectance.is_some_and(|r| !r.iter().all(|x| (0.0..=1.0).contains(x))) {
+            return bad("reflectance", "[0, 1]");
         }
         if self.radiance.is_some_and(|r| !r.iter().all(|x| *x >= 0.0 && x.is_finite())) {
             return bad("radiance", "[0, ∞)");
@@ -353,9 +353,11 @@ impl MaterialOverride {
     fn apply(&self, material: &mut Material) {
         if let Some(reflectance) = self.reflectance {
             material.reflectance = Rgb::from(reflectance);
+            material.reflectance_map = None;
         }
         if let Some(radiance) = self.radiance {
             material.radiance = Rgb::from(radiance);
+            material.radiance_map = None;
         }
         if let Some(two_sided) = self.two_sided {
             material.two_sided = two_sided;
@@ -412,7 +414,7 @@ mod tests {
             "models = ['a.obj']\nmetres_per_unit = nan",
             "models = ['a.obj']\n[camera]\nposition = [0,0,0]\nlook_at = [0,0,0]",
             "models = ['a.obj']\n[camera]\nposition = [nan,0,0]\nlook_at = [0,0,1]",
-            "models = ['a.obj']\n[materials.x]\nreflectance = [1, 0, 0]",
+            "models = ['a.obj']\n[materials.x]\nreflectance = [1.5, 0, 0]",
             "models = ['a.obj']\n[materials.x]\nradiance = [-1, 0, 0]",
             "models = ['a.obj']\n[image]\nexposure = 0",
             "models = ['a.obj']\n[image]\nexposure = nan",

@@ -12,7 +12,7 @@ pub struct MaterialId(pub u32);
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     pub name: String,
-    /// Diffuse reflectance ρ per channel, in [0, 1). `Kd` in an MTL file.
+    /// Diffuse reflectance ρ per channel, in [0, 1]. `Kd` in an MTL file.
     pub reflectance: Rgb,
     /// Emitted radiance in W·sr⁻¹·m⁻², not negative. `Ke` in an MTL file. Exitance is π times it.
     pub radiance: Rgb,
@@ -49,10 +49,18 @@ impl Material {
         }
     }
 
-    /// Whether a reflectance of each channel lies in [0, 1) and a radiance in [0, ∞).
-    pub(crate) fn is_possible(&self) -> bool {
-        let reflects = self.reflectance.to_array().iter().all(|x| (0.0..1.0).contains(x));
-        reflects && self.radiance.is_finite() && self.radiance.cmpge(Rgb::ZERO).all()
+    /// Whether reflectance and opacities lie in [0, 1], the radiance in [0, ∞), and the maps name some of that
+    /// many textures.
+    pub(crate) fn is_possible(&self, textures: usize) -> bool {
+        let is_share = |x: &f32| (0.0..=1.0).contains(x);
+        let maps = [&self.reflectance_map, &self.radiance_map, &self.opacity_map];
+        let fits = |map: &Map| (map.texture.0 as usize) < textures && map.transform.is_finite();
+        self.reflectance.to_array().iter().all(is_share)
+            && self.radiance.is_finite()
+            && self.radiance.cmpge(Rgb::ZERO).all()
+            && is_share(&self.opacity)
+            && self.opacity_cutoff.as_ref().is_none_or(is_share)
+            && maps.into_iter().flatten().all(fits)
     }
 
     /// The uses of textures.
@@ -63,7 +71,12 @@ impl Material {
 
     /// Emitted radiance of the front or the back.
     pub fn radiance_of(&self, is_back: bool) -> Rgb {
-        if is_back && !self.emits_on_back { Rgb::ZERO } else { self.radiance }
+        if self.radiates(is_back) { self.radiance } else { Rgb::ZERO }
+    }
+
+    /// Whether the front or the back may emit.
+    pub(crate) fn radiates(&self, is_back: bool) -> bool {
+        !is_back || self.emits_on_back
     }
 
     /// Whether the back emits light.

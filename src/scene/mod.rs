@@ -55,6 +55,8 @@ pub struct Scene {
     pub degenerate: usize,
     /// Radiance of the sky in W·sr⁻¹·m⁻², the same from all directions; zero: there is none.
     pub sky: Rgb,
+    /// Radiance where a picture shows none of the scene.
+    pub background: Rgb,
     /// The direction that is up.
     pub up: Vec3,
     /// The place in the model files' coordinates that is the origin here: zero, except where the models lie
@@ -109,6 +111,7 @@ impl Scene {
             textures: Arc::default(),
             mesh: mesh.into(),
             sky: Rgb::ZERO,
+            background: Rgb::ZERO,
             up: Camera::USUAL_UP,
             origin: DVec3::ZERO,
             metres_per_unit: 1.0,
@@ -178,7 +181,9 @@ impl Scene {
                 scene.degenerate + scene.triangles.len()
             )));
         }
+        scene.background = scene.sky;
         if description.sky.is_none() && scene.sky != Rgb::ZERO {
+            scene.background *= BEHIND_ASSUMED_SKY;
             warnings.push(nothing_emits(&scene));
         }
         scene.warnings = warnings;
@@ -258,6 +263,9 @@ impl Scene {
         Ok(())
     }
 }
+
+/// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark.
+const BEHIND_ASSUMED_SKY: f32 = 0.1;
 
 /// Says where the light comes from, and how to have another.
 fn nothing_emits(scene: &Scene) -> Warning {

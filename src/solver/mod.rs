@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub struct Problem {
     /// In square units.
     pub areas: Vec<f64>,
-    /// ρ, in [0, 1).
+    /// ρ, in [0, 1].
     pub reflectance: Vec<Rgb64>,
     /// S in W·m⁻².
     pub source: Vec<Rgb64>,
@@ -74,7 +74,7 @@ impl Problem {
     /// Solves with a stored matrix.
     ///
     /// # Errors
-    /// A problem that cannot converge: ρ ≥ 1 in a closed loop of light, a residual that grows, or one
+    /// A problem that cannot converge: ρ ≥ 1 on all patches that some light is kept between, a residual that grows, or one
     /// that is still above the tolerance after 10,000 iterations. Or `progress` asked to stop.
     pub fn solve(
         &self,
@@ -85,7 +85,7 @@ impl Problem {
     ) -> Result<Converged> {
         let rows = transport.rows();
         let row_sums = rows.map(|rows| row_sums(rows, self.len()));
-        row_sums.as_ref().map_or(Ok(()), |sums| self.check_row_sums(sums))?;
+        rows.map_or(Ok(()), |rows| self.check_loops(rows))?;
         progress.begin(Stage::Solve, None);
         let found = match method {
             MatrixMethod::Jacobi => jacobi::solve(self, transport, stop, progress),
@@ -156,17 +156,49 @@ impl Problem {
         (0..3).filter(|&c| source[c] > 0.0).map(|c| left[c] / source[c]).fold(0.0, f64::max)
     }
 
-    /// Refuses a patch that gives back all that it receives: ρ ≥ 1 in a closed loop of light.
-    fn check_row_sums(&self, row_sums: &[f64]) -> Result<()> {
-        for (i, sum) in row_sums.iter().enumerate() {
-            let reflectance = self.reflectance[i].max_element();
-            if reflectance >= 1.0 && reflectance * sum >= 1.0 {
+    /// Refuses light that provably grows or stays: ρ ≥ 1 on patches that send each other all they have.
+    ///
+    /// Where Σ_j ρ_i F_ij ≥ 1 over the j of a set holds for each i of it, the spectral radius of ρF is at least 1
+    /// (Collatz and Wielandt). Patches that fail are taken out until none fails, so that one black corner in a
+    /// white room empties the set. What is left matters only if light reaches it.
+    fn check_loops(&self, rows: &dyn Rows) -> Result<()> {
+        for channel in 0..3 {
+            let kept = self.closed_loop(rows, channel);
+            let Some(first) = kept.iter().position(|kept| *kept) else { continue };
+            let lit = |i: usize| {
+                self.source[i][channel] > 0.0
+                    || rows.gather_row(PatchId(i as u32), &self.source)[channel] > 0.0
+            };
+            if (0..self.len()).any(|i| kept[i] && lit(i)) {
+                let reflectance = self.reflectance[first][channel];
                 return Err(cannot_converge(format!(
-                    "patch {i} reflects {reflectance} of its light into rows that sum to {sum}"
+                    "patch {first} reflects {reflectance} of its light, and so do all patches that it \
+                     lights"
                 )));
             }
         }
         Ok(())
+    }
+
+    /// The largest set of patches of which each gives back to the set at least what it has.
+    fn closed_loop(&self, rows: &dyn Rows, channel: usize) -> Vec<bool> {
+        let reflectance = |i: usize| self.reflectance[i][channel];
+        let mut kept: Vec<bool> = (0..self.len()).map(|i| reflectance(i) >= 1.0).collect();
+        loop {
+            let gives_back = |i: usize| {
+                let mut sum = 0.0;
+                rows.for_each_in_row(PatchId(i as u32), &mut |j, factor| {
+                    sum += if kept[j] { factor } else { 0.0 };
+                });
+                reflectance(i) * sum >= 1.0
+            };
+            let failed: Vec<usize> =
+                (0..self.len()).filter(|&i| kept[i] && !gives_back(i)).collect();
+            if failed.is_empty() {
+                return kept;
+            }
+            failed.into_iter().for_each(|i| kept[i] = false);
+        }
     }
 }
 

@@ -32,14 +32,20 @@ pub(super) fn solve(
     };
     let mut reception = vec![0.0; n];
     let mut residual = Vec::new();
+    let mut keeps_all = true;
     while !stop.reached(solution.iterations, &residual, most)? {
         let shooter = unshot.brightest();
         let row = rows.row(PatchId(shooter as u32));
         let sum = row.sum();
         solution.on_backs[shooter] = row.on_backs;
         let reflectance = problem.reflectance[shooter].max_element();
-        if reflectance >= 1.0 && reflectance * sum >= 1.0 {
-            return Err(cannot_converge(format!("patch {shooter} gives back all its light")));
+        keeps_all &= reflectance >= 1.0 && reflectance * sum >= 1.0;
+        // The first n shots come from nearly all patches.
+        if keeps_all && solution.iterations >= n {
+            return Err(cannot_converge(format!(
+                "patch {shooter} gives back all its light, as all \
+                 patches before it"
+            )));
         }
         let first_shot = solution.row_sums[shooter].replace(sum).is_none();
         let sent = unshot.take(shooter) * problem.areas[shooter];

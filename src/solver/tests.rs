@@ -456,6 +456,24 @@ fn light_that_never_leaves_a_closed_loop_is_refused() {
     }
 }
 
+/// One patch that absorbs is enough: each row of the others still sums to 1, and the light ends.
+#[test]
+fn white_walls_converge_in_a_closed_room_where_one_patch_absorbs() {
+    let scene = room(0, 0);
+    let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(1)).unwrap();
+    let (bvh, quiet) = (<Bvh>::build(scene.triangles.clone()), quiet());
+    let estimator = Estimator::new(&bvh, &mesh, 64, PointSet::Sobol, 0, &quiet);
+    let rows = estimator.hemisphere_rows();
+    let f = dense(&rows);
+    let mut reflectance = vec![Rgb64::ONE; mesh.len()];
+    reflectance[0] = Rgb64::splat(0.5);
+    let problem = Problem { reflectance, ..Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]) };
+    for method in METHODS {
+        problem.solve(&rows, method, to(1e-6), &quiet).unwrap();
+    }
+    problem.shoot(&f, to(1e-6), &quiet).unwrap();
+}
+
 #[test]
 fn white_patches_are_welcome_where_light_can_leave() {
     // The same room without its ceiling and floor: no row sums to 1.

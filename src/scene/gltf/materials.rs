@@ -140,7 +140,7 @@ impl Reader<'_, '_> {
         }
         let texture = self.images[&image].clone()?;
         let id = TextureId(self.out.textures.len() as u32);
-        self.out.textures.push(Texture { wrap, ..texture });
+        self.out.textures.push(texture.wrapped(wrap));
         self.known.insert((image, wrap), id);
         Some(id)
     }
