@@ -17,7 +17,7 @@ use crate::patches::{PatchMesh, Sides};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::document::{ImageDefaults, is_view_name};
-use crate::scene::obj::text::read_bytes;
+use crate::scene::text::read_bytes;
 use crate::scene::{Camera, Document, Scene, Texture};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -42,7 +42,9 @@ impl EmittingTriangles {
 
     /// As `of`, for the patches of a scene: where a texture makes the radiance vary, each patch is an emitter.
     pub fn of_patches(mesh: &PatchMesh) -> Self {
-        EmittingTriangles::new(mesh.sides().iter().flat_map(|side| emitters_of(mesh, side)).collect())
+        EmittingTriangles::new(
+            mesh.sides().iter().flat_map(|side| emitters_of(mesh, side)).collect(),
+        )
     }
 
     fn new(mut emitters: Vec<Emitter>) -> Self {

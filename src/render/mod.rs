@@ -19,8 +19,8 @@ pub struct Image {
     pub width: u32,
     pub height: u32,
     pub pixels: Vec<Rgb>,
-    /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit; NaN where
-    /// there are none. An exposure is found from these.
+    /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit; 0 where there
+    /// are none. An exposure is found from these.
     pub reflecting: Vec<f32>,
 }
 
@@ -163,8 +163,10 @@ impl<'m> Work<'m> {
             for (k, (point, &irradiance)) in self.points.iter().zip(&self.irradiance).enumerate() {
                 let material = &mesh.scene.materials[point.side.material.0 as usize];
                 let look = self.looks.get(k).copied();
-                let Look { radiance, reflectance } = look
-                    .unwrap_or(Look { radiance: material.radiance, reflectance: material.reflectance });
+                let Look { radiance, reflectance } = look.unwrap_or(Look {
+                    radiance: material.radiance,
+                    reflectance: material.reflectance,
+                });
                 let emits = material.radiates(point.side.is_back);
                 let emitted = if emits { radiance } else { Rgb::ZERO };
                 let reflected = reflectance * irradiance / PI;
@@ -175,8 +177,7 @@ impl<'m> Work<'m> {
                 }
             }
             pixel.radiance = sum / frame.samples as f32;
-            // 0/0 where there are none.
-            pixel.reflecting = luminance(reflecting) / count as f32;
+            pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
         }
     }
 

@@ -35,7 +35,7 @@ mod tests {
             width: values.len() as u32,
             height: 1,
             pixels: values.iter().map(|(v, _)| Rgb::splat(*v)).collect(),
-            reflecting: values.iter().map(|(v, lamp)| if *lamp { f32::NAN } else { *v }).collect(),
+            reflecting: values.iter().map(|(v, lamp)| if *lamp { 0.0 } else { *v }).collect(),
         }
     }
 

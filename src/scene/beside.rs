@@ -1,7 +1,7 @@
 //! The files that a model names, which are looked for beside it.
 
 use crate::error::{Error, Result, Warning};
-use crate::scene::obj::text::{quote, read_bytes};
+use crate::scene::text::{quote, read_bytes};
 use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};

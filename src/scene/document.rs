@@ -1,7 +1,7 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
-use super::obj::text::{decode, quote, read_bytes};
 use super::read::{is_model, refusal};
+use super::text::{decode, quote, read_bytes};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};

@@ -17,6 +17,7 @@ mod ply;
 mod read;
 mod sniff;
 mod stl;
+pub(crate) mod text;
 pub mod texture;
 pub mod topology;
 mod triangulate;
@@ -274,7 +275,7 @@ fn nothing_emits(scene: &Scene) -> Warning {
         scene.materials.iter().enumerate().filter(|(i, m)| looks_like_lamp(m) && used(*i));
     let example = match lamps.next() {
         Some((_, lamp)) => {
-            let name = obj::text::quote(&lamp.name);
+            let name = text::quote(&lamp.name);
             format!(
                 "; the material {name} looks like a lamp: --emit '{}=10'",
                 lamp.name.escape_debug()

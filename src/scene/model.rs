@@ -3,7 +3,7 @@
 use super::camera::Camera;
 use super::material::{Material, MaterialId};
 use super::mesh::Mesh;
-use super::obj::text::LARGEST;
+use super::text::LARGEST;
 use super::texture::Texture;
 use crate::error::{Error, Result, Warning};
 use glam::{DVec3, Vec3};

@@ -1,7 +1,7 @@
 //! Reads a model of any format that isolux knows.
 
 use super::model::Model;
-use super::obj::text::read_bytes;
+use super::text::read_bytes;
 use super::{gltf, obj, ply, sniff, stl};
 use crate::error::{Error, Result};
 use std::path::Path;

@@ -9,8 +9,8 @@
 use super::material::{Material, MaterialId};
 use super::mesh::{Origin, Part};
 use super::model::{Model, checked_position};
-use super::obj::text::{decode, number, numbered_lines, quote};
 use super::read::model_bytes;
+use super::text::{decode, number, numbered_lines, quote};
 use crate::error::{Error, Result};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;

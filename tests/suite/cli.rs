@@ -300,13 +300,14 @@ fn bad_files_are_refused_with_their_place() {
         ("zero.obj", Some("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n"), "zero.obj:4: "),
         ("empty.obj", Some(""), "empty.obj: "),
         ("flat.obj", Some("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"),
-        ("dark.obj", Some("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "the picture would be black"),
+        ("dark.toml", Some("models = ['white.obj']\nsky = 0\n"), "the picture would be black"),
         ("rubbish.obj", Some("\0\u{1}\u{2}PNG\0\0\0"), "rubbish.obj: "),
         ("shiny.toml", Some("models = ['shiny.obj']"), "shiny.mtl:2: "),
         ("typo.toml", Some("models = ['room.obj']\nimages = 3\n"), "typo.toml:2: "),
         ("far.toml", Some("models = ['far/away.obj']\n"), "far/away.obj"),
         ("room.ply", Some("ply"), "room.ply: "),
     ] {
+        room.write("white.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
         room.write("shiny.mtl", "newmtl glass\nKd 1 1 1\n");
         room.write(
             "shiny.obj",
@@ -352,7 +353,7 @@ fn a_failed_run_leaves_the_old_picture() {
     let room = Room::new();
     room.write("out.png", "precious");
     room.write("dark.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-    refused(&mut room.render("dark.obj", &[]));
+    refused(&mut room.render("dark.obj", &["--sky", "0"]));
     assert_eq!(fs::read(room.path("out.png")).unwrap(), b"precious");
     // The last of the outputs meets a full disk: the first is not replaced either.
     if cfg!(target_os = "linux") {
@@ -419,19 +420,63 @@ fn a_name_that_is_no_unicode_is_written_all_the_same() {
 }
 
 #[test]
-fn what_f32_cannot_trace_is_refused() {
+fn a_room_far_from_the_origin_is_the_same_picture() {
     let room = Room::new();
     let text = fs::read_to_string(room.path("room.obj")).unwrap();
-    let moved: String = text
-        .lines()
-        .map(|line| match line.strip_prefix("v ") {
-            Some(xyz) => format!("v 1000000{xyz}\n"),
-            None => format!("{line}\n"),
-        })
-        .collect();
-    room.write("room.obj", &moved);
-    let said = refused(&mut room.render("room.toml", &[]));
-    assert!(said.contains("away from the origin"), "{said}");
+    let moved = text.lines().map(|line| match line.strip_prefix("v ") {
+        Some(xyz) => {
+            let xyz: Vec<f64> = xyz.split(' ').map(|x| x.parse().unwrap()).collect();
+            format!("v {} {} {}\n", xyz[0] + 448_000.0, xyz[1], xyz[2] + 5_412_000.0)
+        }
+        None => format!("{line}\n"),
+    });
+    room.write("far.obj", &moved.collect::<String>());
+    let far_camera = "[camera]\nposition = [448002, 2, 5412009]\nlook_at = [448002, 1, 5412000]\n";
+    room.write("far.toml", &format!("models = ['far.obj']\n{far_camera}"));
+    let picture = |scene: &str| {
+        room.render(scene, &[]).assert().success();
+        fs::read(room.path("out.png")).unwrap()
+    };
+    assert_eq!(picture("far.obj"), picture("room.obj"), "by a fitted camera");
+    assert_eq!(picture("far.toml"), picture("room.toml"), "by one in the file's coordinates");
+}
+
+/// What the program says on standard error.
+fn warned(command: &mut Command) -> String {
+    String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap()
+}
+
+#[test]
+fn a_model_that_does_not_shine_gets_a_sky_or_what_it_is_told() {
+    let room = Room::new();
+    let obj = fs::read_to_string(room.path("room.obj")).unwrap();
+    room.write("bare.obj", &obj.replace("mtllib room.mtl\n", ""));
+    let said = warned(&mut room.render("bare.obj", &[]));
+    assert!(said.contains("sky of radiance 1") && said.contains("--emit 'lamp=10'"), "{said}");
+    let silent = ["--sky", "1,2,3"];
+    assert!(!warned(&mut room.render("bare.obj", &silent)).contains("sky of radiance"));
+    assert!(!warned(&mut room.render("bare.obj", &["--emit", "la*=5"])).contains("sky"));
+    let said = refused(&mut room.render("bare.obj", &["--emit", "lump=5"]));
+    assert!(said.contains("no material has the name `lump`") && said.contains("lamp"), "{said}");
+    let said = refused(&mut room.render("bare.obj", &["--emit", "lamp=-1"]));
+    assert!(said.contains("at least 0"), "{said}");
+    // The sky is in the solution, and what it is made of cannot be changed afterwards.
+    room.solve("bare.obj", "bare.light", &[]).assert().success();
+    room.show("bare.light", "out.png", &[]).assert().success();
+    refused(&mut room.show("bare.light", "out.png", &["--sky", "2"]));
+}
+
+#[test]
+fn one_sided_surfaces_keep_their_backs_black() {
+    let room = Room::new();
+    // The lamp's back and the floor's are seen from below.
+    let below = ["--position", "2,-5,2.1", "--look-at", "2,0,2"];
+    let bytes = |more: &[&str]| {
+        room.render("room.obj", &[&below[..], more].concat()).assert().success();
+        fs::read(room.path("out.png")).unwrap()
+    };
+    let (both, one) = (bytes(&["--sky", "1"]), bytes(&["--sky", "1", "--one-sided"]));
+    assert_ne!(both, one);
 }
 
 #[test]

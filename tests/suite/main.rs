@@ -7,6 +7,7 @@ mod equivalence;
 mod form_factor;
 mod radiosity;
 mod render;
+mod scenery;
 mod scenes;
 mod snapshots;
 mod structure;

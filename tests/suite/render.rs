@@ -116,7 +116,8 @@ fn light_reaches_the_dark_room_by_reflection_alone() {
     let caster = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
     let quiet = ();
     let estimator = Estimator::new(&caster, &mesh, 64, PointSet::Sobol, 1, &quiet);
-    let direct = estimator.direct_light(&EmittingTriangles::of_patches(&mesh), Purpose::DirectLight);
+    let direct =
+        estimator.direct_light(&EmittingTriangles::of_patches(&mesh), Purpose::DirectLight);
     // The dark room ends at x = 4, where the doorway's reveals begin.
     let in_dark_room = |i: usize| mesh.triangle(PatchId(i as u32)).p.iter().all(|p| p.x <= 4.0);
     let dark: Vec<usize> = (0..mesh.len()).filter(|&i| in_dark_room(i)).collect();

@@ -2,7 +2,7 @@
 
 use super::json::{Head, Root};
 use crate::error::{Error, Result};
-use crate::scene::obj::text::quote;
+use crate::scene::text::quote;
 use serde_json::Value;
 
 /// Extensions that must be undone before a model can be read, each with how.

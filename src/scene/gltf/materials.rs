@@ -7,7 +7,7 @@ use crate::error::{Error, Result, Warning};
 use crate::scene::beside::Files;
 use crate::scene::budget::Budget;
 use crate::scene::material::Material;
-use crate::scene::obj::text::quote;
+use crate::scene::text::quote;
 use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
 use glam::{Affine2, Vec2};
 use std::collections::HashMap;

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::text::quote;
 use crate::error::Warning;
 use crate::scene::material::Material;
+use crate::scene::text::quote;
 
 /// Counts what is left aside.
 #[derive(Debug, Default)]

@@ -8,19 +8,18 @@ mod mtl_files;
 mod mtl_materials;
 mod mtl_reader;
 mod reader;
-pub(crate) mod text;
 
 use super::material::{Material, MaterialId};
 use super::mesh::{Mesh, Origin, PerCorner};
 use super::model::Model;
 use super::triangulate::Triangulator;
 use crate::error::{Error, Result};
+use crate::scene::text::{decode, read_bytes};
 use mtl_files::read_library;
 use mtl_materials::{Role, materials};
 use mtl_reader::Library;
 use reader::{ObjFile, read_obj};
 use std::path::Path;
-use text::{decode, read_bytes};
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
 ///

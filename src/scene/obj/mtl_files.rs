@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use super::ignored::default_stated;
 use super::mtl_reader::Library;
 use super::reader::{Named, ObjFile};
-use super::text::{decode, quote, read_bytes, words};
 use crate::error::{Result, Warning};
+use crate::scene::text::{decode, quote, read_bytes, words};
 
 /// Reads the materials of the OBJ file at `path`; warnings are added to those of `obj`.
 ///

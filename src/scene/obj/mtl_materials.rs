@@ -4,10 +4,10 @@
 use std::path::Path;
 
 use super::mtl_reader::{Color, Entry, Library};
-use super::text::{LARGEST, quote};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::scene::material::Material;
+use crate::scene::text::{LARGEST, quote};
 
 /// The use that the model makes of a material.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,9 +6,9 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::text::{keyword_and_rest, number, numbered_lines, quote, words};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
+use crate::scene::text::{keyword_and_rest, number, numbered_lines, quote, words};
 
 /// All materials of a model, with names that differ from each other.
 #[derive(Debug, Default)]

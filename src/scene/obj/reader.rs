@@ -7,9 +7,9 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::ignored::LeftAside;
-use super::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
 use crate::error::{Error, Result, Warning};
 use crate::scene::mesh::Part;
+use crate::scene::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
 use glam::{DVec3, Vec2, Vec3};
 
 /// An OBJ file as it was read. Every index is within its list.

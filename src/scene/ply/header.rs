@@ -1,7 +1,7 @@
 //! The header of a PLY file: which elements follow it, and their properties.
 
 use crate::error::{Error, Result};
-use crate::scene::obj::text::quote;
+use crate::scene::text::quote;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{self, DefaultElement, ElementDef, Encoding, PropertyType, ScalarType};
 

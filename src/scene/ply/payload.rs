@@ -6,7 +6,7 @@
 use super::elements::{Element, Face, Row, Skipped, Vertex};
 use super::header::Header;
 use crate::error::{Error, Result};
-use crate::scene::obj::text::quote;
+use crate::scene::text::quote;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, PropertyType};
 use std::borrow::Cow;

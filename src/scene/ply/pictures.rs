@@ -8,7 +8,7 @@ use crate::scene::beside::Files;
 use crate::scene::budget::Budget;
 use crate::scene::material::{Material, MaterialId};
 use crate::scene::mesh::Origin;
-use crate::scene::obj::text::quote;
+use crate::scene::text::quote;
 use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
 use glam::Affine2;
 use std::path::Path;
