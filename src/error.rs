@@ -3,7 +3,8 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// A failure of the user's input or surroundings: `file:line: cause`, then the remedy.
+/// A failure of the user's input or surroundings: `file:line: cause`, then the remedy. Where a file has
+/// several, the first is the one, and the others follow it, a line each.
 ///
 /// A miss of a ray is `None` and a bug is a panic; only what a user can fix becomes an `Error`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -13,6 +14,8 @@ pub struct Error {
     line: Option<usize>,
     cause: String,
     remedy: Option<String>,
+    /// Further failures of one file, as they are shown.
+    others: Vec<String>,
 }
 
 /// The kind of failure that an [`Error`] is, for programs.
@@ -41,7 +44,14 @@ impl Error {
     /// A failure that concerns no file in particular.
     pub fn new(cause: impl Into<String>) -> Self {
         let kind = ErrorKind::Input;
-        Error { kind, file: None, line: None, cause: cause.into(), remedy: None }
+        Error {
+            kind,
+            file: None,
+            line: None,
+            cause: cause.into(),
+            remedy: None,
+            others: Vec::new(),
+        }
     }
 
     /// An operating system's refusal to read or write `file`.
@@ -56,6 +66,16 @@ impl Error {
 
     pub fn kind(&self) -> ErrorKind {
         self.kind
+    }
+
+    /// Why, without the place and the remedy.
+    pub fn cause(&self) -> &str {
+        &self.cause
+    }
+
+    /// Counts from 1.
+    pub(crate) fn line(&self) -> Option<usize> {
+        self.line
     }
 
     pub fn of_kind(mut self, kind: ErrorKind) -> Self {
@@ -79,6 +99,20 @@ impl Error {
         self
     }
 
+    /// One error of several; `None` of none. Those beyond the first twenty are only counted.
+    pub(crate) fn all(errors: Vec<Error>) -> Option<Error> {
+        const SHOWN: usize = 20;
+        let count = errors.len();
+        let mut errors = errors.into_iter();
+        let mut first = errors.next()?;
+        let in_one_line = |error: Error| Error { remedy: None, ..error }.to_string();
+        first.others = errors.take(SHOWN - 1).map(in_one_line).collect();
+        if count > SHOWN {
+            first.others.push(format!("and {} more", count - SHOWN));
+        }
+        Some(first)
+    }
+
     /// Says what the user can do about it, as an imperative sentence without a full stop.
     pub fn remedy(mut self, remedy: impl Into<String>) -> Self {
         self.remedy = Some(remedy.into());
@@ -90,10 +124,10 @@ impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write_place(f, self.file.as_deref(), self.line)?;
         f.write_str(&self.cause)?;
-        match &self.remedy {
-            Some(remedy) => write!(f, "\n  help: {remedy}"),
-            None => Ok(()),
+        if let Some(remedy) = &self.remedy {
+            write!(f, "\n  help: {remedy}")?;
         }
+        self.others.iter().try_for_each(|other| write!(f, "\n{other}"))
     }
 }
 
@@ -149,5 +183,17 @@ mod tests {
             "room.obj:7: a face needs 3 vertices, this one has 2\n  \
              help: delete the line or complete the face"
         );
+    }
+
+    #[test]
+    fn several_errors_are_told_in_one_and_the_rest_counted() {
+        assert_eq!(Error::all(vec![]), None);
+        let at =
+            |line| Error::new("bad").in_file(Path::new("a.obj")).at_line(line).remedy("fix it");
+        let two = Error::all(vec![at(1), at(2)]).expect("two").to_string();
+        assert_eq!(two, "a.obj:1: bad\n  help: fix it\na.obj:2: bad");
+        let many = Error::all((1..=25).map(at).collect()).expect("many").to_string();
+        assert_eq!(many.lines().count(), 22);
+        assert!(many.ends_with("a.obj:20: bad\nand 5 more"), "{many}");
     }
 }

@@ -29,16 +29,45 @@ pub(crate) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
 
 /// The text in `bytes`; `format` is the name for the error message, "OBJ" or "MTL".
 ///
-/// Bytes that are not UTF-8, as in the comments of old exporters, become U+FFFD. Fails where the
-/// beginning is binary.
+/// UTF-16 is read if it begins with a byte order mark. Bytes that are not UTF-8 are Windows-1252, in which
+/// old exporters wrote. Fails where the beginning is binary.
 pub(in crate::scene) fn decode(bytes: Vec<u8>, path: &Path, format: &str) -> Result<String> {
+    if let Some(text) = utf_16(&bytes) {
+        return Ok(text);
+    }
     if is_binary(&bytes[..bytes.len().min(HEAD)]) {
         return Err(Error::new(format!("this does not look like an {format} file"))
             .in_file(path)
             .remedy(format!("give the path of a Wavefront {format} file, which is UTF-8 text")));
     }
-    Ok(String::from_utf8(bytes)
-        .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()))
+    Ok(String::from_utf8(bytes).unwrap_or_else(|error| windows_1252(error.as_bytes())))
+}
+
+/// `None` without a byte order mark of UTF-16.
+fn utf_16(bytes: &[u8]) -> Option<String> {
+    let (mark, rest) = bytes.split_first_chunk::<2>()?;
+    let unit: fn([u8; 2]) -> u16 = match mark {
+        [0xff, 0xfe] => u16::from_le_bytes,
+        [0xfe, 0xff] => u16::from_be_bytes,
+        _ => return None,
+    };
+    let units: Vec<u16> = rest.as_chunks::<2>().0.iter().map(|pair| unit(*pair)).collect();
+    Some(String::from_utf16_lossy(&units))
+}
+
+/// Windows-1252 is Latin-1, the first 256 characters of Unicode, but for 0x80 to 0x9F. The five bytes that have
+/// no meaning there stay control characters (WHATWG Encoding Standard).
+fn windows_1252(bytes: &[u8]) -> String {
+    const FROM_0X80: [char; 32] = [
+        '€', '\u{81}', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\u{8d}', 'Ž',
+        '\u{8f}', '\u{90}', '‘', '’', '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\u{9d}',
+        'ž', 'Ÿ',
+    ];
+    let character = |&byte: &u8| match byte {
+        0x80..=0x9f => FROM_0X80[usize::from(byte - 0x80)],
+        _ => char::from(byte),
+    };
+    bytes.iter().map(character).collect()
 }
 
 /// The lines of `text`, each with its number from 1. A line that ends in a backslash is joined
@@ -188,8 +217,13 @@ mod tests {
         let path = Path::new("a.obj");
         assert!(decode(b"v 1\0".to_vec(), path, "OBJ").is_err());
         assert!(decode(vec![0x80; 100], path, "OBJ").is_err());
-        let text = decode(b"# caf\xe9\nv 1 2 3\n".to_vec(), path, "OBJ").unwrap();
-        assert_eq!(text, "# caf\u{fffd}\nv 1 2 3\n");
+        let text = decode(b"# caf\xe9 \x80\x9f\x81\nv 1 2 3\n".to_vec(), path, "OBJ").unwrap();
+        assert_eq!(text, "# café €Ÿ\u{81}\nv 1 2 3\n");
+        let text = decode(b"W\xc3\xa4nde".to_vec(), path, "OBJ").unwrap();
+        assert_eq!(text, "Wände");
+        for utf_16 in [&b"\xff\xfev\0 \x001\0"[..], b"\xfe\xff\0v\0 \x001"] {
+            assert_eq!(decode(utf_16.to_vec(), path, "OBJ").unwrap(), "v 1");
+        }
     }
 
     #[test]

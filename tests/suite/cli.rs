@@ -302,17 +302,11 @@ fn bad_files_are_refused_with_their_place() {
         ("flat.obj", Some("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "no triangle with an area"),
         ("dark.toml", Some("models = ['white.obj']\nsky = 0\n"), "the picture would be black"),
         ("rubbish.obj", Some("\0\u{1}\u{2}PNG\0\0\0"), "rubbish.obj: "),
-        ("shiny.toml", Some("models = ['shiny.obj']"), "shiny.mtl:2: "),
         ("typo.toml", Some("models = ['room.obj']\nimages = 3\n"), "typo.toml:2: "),
         ("far.toml", Some("models = ['far/away.obj']\n"), "far/away.obj"),
         ("room.ply", Some("ply"), "room.ply: "),
     ] {
         room.write("white.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-        room.write("shiny.mtl", "newmtl glass\nKd 1 1 1\n");
-        room.write(
-            "shiny.obj",
-            "mtllib shiny.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl glass\nf 1 2 3\n",
-        );
         if let Some(text) = text {
             room.write(name, text);
         }
@@ -334,6 +328,51 @@ fn a_missing_material_is_a_warning_and_a_default() {
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.starts_with("warning: ") && said.contains("room.obj:10: "), "{said}");
     assert!(said.contains("wood") && said.contains("0.5"), "{said}");
+}
+
+#[test]
+fn materials_as_exporters_write_them_give_a_picture_with_one_warning_per_kind() {
+    let room = Room::new();
+    let text = fs::read_to_string(room.path("room.obj")).unwrap();
+    let mtl = fs::read_to_string(room.path("room.mtl")).unwrap();
+    let walls = [
+        ("Kd 1 1 1", ""),
+        ("Kd 2 1 0", "Kd above 1"),
+        ("Kd 0 0 0\nKs 0.9 0.9 0.9", "mirrors and metals"),
+        ("Kd 0 0 0\nmap_Kd none.png", "no such picture"),
+        ("Kd 0.5\nd 0.5", "straight through"),
+        ("Kd what", "Kd is malformed"),
+    ];
+    for (wall, warning) in walls {
+        room.write("room.mtl", &mtl.replace("Kd 0.5 0.5 0.5", wall));
+        let output = room.render("room.toml", &[]).assert().success().get_output().clone();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(said.matches("warning: ").count(), usize::from(!warning.is_empty()), "{said}");
+        assert!(said.contains(warning), "{wall}: {said}");
+    }
+    room.write("room.mtl", &mtl);
+    room.write("room.obj", &text.replace("usemtl wall", "usemtl"));
+    room.render("room.toml", &[]).assert().success();
+}
+
+#[test]
+fn a_texture_colours_the_picture_and_stays_in_the_light_file() {
+    let room = Room::new();
+    let picture = image::RgbImage::from_pixel(2, 2, image::Rgb([255, 0, 0]));
+    picture.save(room.path("red.png")).expect("a picture");
+    let mtl = fs::read_to_string(room.path("room.mtl")).unwrap();
+    room.write("room.mtl", &mtl.replace("Kd 0.5 0.5 0.5", "Kd 0 0 0\nmap_Kd red.png"));
+    let said = isolux().arg("info").arg(room.path("room.toml")).assert().success();
+    assert_eq!(String::from_utf8(said.get_output().stderr.clone()).unwrap(), "");
+    let mut solve = isolux();
+    solve.arg("solve").arg(room.path("room.toml")).arg("-o").arg(room.path("room.light"));
+    solve.assert().success();
+    fs::remove_file(room.path("red.png")).expect("a file");
+    room.render("room.light", &["--exposure", "1"]).assert().success();
+    let drawn = image::open(room.path("out.png")).expect("a picture").into_rgb8();
+    // The wall is red, the lamp white: nothing is green alone.
+    assert!(drawn.pixels().any(|p| p.0[0] > 0 && p.0[1] == 0));
+    assert!(drawn.pixels().all(|p| p.0[0] >= p.0[1]));
 }
 
 #[test]

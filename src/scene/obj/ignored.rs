@@ -10,6 +10,9 @@ use crate::scene::text::quote;
 #[derive(Debug, Default)]
 pub(super) struct LeftAside {
     faces_before_usemtl: Tally,
+    blank_usemtl: Tally,
+    bad_vertices: Tally,
+    bad_coordinates: Tally,
     points_and_lines: Tally,
     free_form: Tally,
     unknown: Tally,
@@ -43,6 +46,20 @@ impl LeftAside {
         self.faces_before_usemtl.add(line);
     }
 
+    pub(super) fn blank_usemtl(&mut self, line: usize) {
+        self.blank_usemtl.add(line);
+    }
+
+    /// A vertex without a position that no face uses.
+    pub(super) fn bad_vertex(&mut self, line: usize) {
+        self.bad_vertices.add(line);
+    }
+
+    /// A texture coordinate, normal or vertex colour that is not made of numbers.
+    pub(super) fn bad_coordinate(&mut self, line: usize) {
+        self.bad_coordinates.add(line);
+    }
+
     /// A statement that is no vertex, no face and names no material.
     pub(super) fn statement(&mut self, line: usize, keyword: &str) {
         match keyword {
@@ -59,10 +76,21 @@ impl LeftAside {
     }
 
     /// One warning for each kind that occurred; `file` is the OBJ file.
-    pub(super) fn warnings(&self, file: &Path) -> Vec<Warning> {
-        let (default, word) = (default_stated(), &self.unknown_word);
+    pub(super) fn warnings(&self, file: &Path, has_colors: bool) -> Vec<Warning> {
+        let default = if has_colors {
+            "the default material, white times the vertex colours".into()
+        } else {
+            default_stated()
+        };
+        let word = &self.unknown_word;
         [
             (self.faces_before_usemtl, format!("a face before any `usemtl` gets {default}")),
+            (self.blank_usemtl, format!("`usemtl` without a name stands for {default}")),
+            (self.bad_vertices, "a vertex that no face uses is malformed".into()),
+            (
+                self.bad_coordinates,
+                "a malformed texture coordinate or normal is 0, a malformed colour white".into(),
+            ),
             (self.points_and_lines, "points and lines have no area and are ignored".into()),
             (self.free_form, "curves and free-form surfaces are ignored".into()),
             (self.unknown, format!("{word} is not an OBJ statement; such lines are ignored")),
@@ -109,7 +137,7 @@ mod tests {
         let statements = ["p", "l", "l", "vp", "surf", "foo", "bar", "s", "lod", ""];
         statements.iter().zip(5..).for_each(|(keyword, line)| left.statement(line, keyword));
         let warnings: Vec<String> =
-            left.warnings(Path::new("a.obj")).iter().map(Warning::to_string).collect();
+            left.warnings(Path::new("a.obj"), false).iter().map(Warning::to_string).collect();
         assert_eq!(
             warnings,
             [

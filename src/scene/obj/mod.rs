@@ -5,33 +5,36 @@
 
 mod ignored;
 mod mtl_files;
+mod mtl_map;
 mod mtl_materials;
 mod mtl_reader;
+mod notes;
+mod pictures;
 mod reader;
 
 use super::material::{Material, MaterialId};
 use super::mesh::{Mesh, Origin, PerCorner};
 use super::model::Model;
 use super::triangulate::Triangulator;
+use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::scene::text::{decode, read_bytes};
 use mtl_files::read_library;
-use mtl_materials::{Role, materials};
+use mtl_materials::{Materials, Role, materials};
 use mtl_reader::Library;
 use reader::{ObjFile, read_obj};
 use std::path::Path;
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
 ///
-/// Fails if a file is malformed (with the line), if the OBJ file cannot be read or has no faces, or
-/// if a material that a face uses has Kd outside [0, 1) or a negative Ke. What has a sensible
-/// default, such as a missing MTL file, is a warning of the model instead.
+/// Fails if the OBJ file is malformed (with the lines), cannot be read or has no faces. What has a sensible
+/// default, such as a missing MTL file or a Kd above 1, is a warning of the model instead.
 ///
-/// A scene description overrides the reflectance of the materials whose name `overrides`: their Kd may
-/// be missing or out of range, and is then a placeholder.
+/// A scene description overrides the reflectance of the materials whose name `overrides`: nothing is said
+/// of their Kd, and their textures are not read.
 pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
     let mut obj = read_obj(path, &text_of(path)?)?;
-    let library = read_library(path, &mut obj)?;
+    let mut library = read_library(path, &mut obj);
     let mut warnings = std::mem::take(&mut obj.warnings);
 
     let of_faces = materials_of_faces(&obj, &library);
@@ -39,13 +42,18 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     let mut used = vec![false; default + 1];
     of_faces.iter().for_each(|id| used[id.0 as usize] = true);
     let role = |i: usize| Role { used: used[i], replaced: overrides(&library.entries[i].name) };
-    let mut materials = materials(&library, role, &mut warnings)?;
+    let Materials { list: mut materials, textures, files } =
+        materials(&library, role, &mut warnings);
+    library.files.extend(files);
     if used[default] {
-        materials.push(Material::fallback());
+        let fallback = Material::fallback();
+        // Colours without a material are all that the file says of its surfaces.
+        let alone = if obj.colors.is_empty() { fallback.reflectance } else { Rgb::ONE };
+        materials.push(Material { reflectance: alone, ..fallback });
     }
     let model = cut(obj);
     let material_of = model.mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
-    Ok(Model { material_of, materials, files: library.files, warnings, ..model })
+    Ok(Model { material_of, materials, textures, files: library.files, warnings, ..model })
 }
 
 fn text_of(path: &Path) -> Result<String> {
@@ -88,9 +96,14 @@ fn cut(obj: ObjFile) -> Model {
             normals.push(cut.map(|k| corners[k].normal));
         }
     }
+    let colored = !obj.colors.is_empty();
     let texture = PerCorner::new(obj.texture, texture);
     let normals = PerCorner::new(obj.normals, normals);
-    let mesh = Mesh { origins, parts: obj.parts, texture, normals, colors: None };
+    let colors = colored.then(|| PerCorner {
+        values: obj.colors,
+        numbers: triangles.iter().map(|corners: &[u32; 3]| corners.map(|k| k + 1)).collect(),
+    });
+    let mesh = Mesh { origins, parts: obj.parts, texture, normals, colors };
     Model { positions: obj.positions, triangles, mesh, ..Model::default() }
 }
 
@@ -222,23 +235,50 @@ mod tests {
     }
 
     #[test]
-    fn a_reflectance_out_of_range_matters_only_in_a_used_material() {
-        let mtl = "newmtl white\nKd 1 1 1\n";
-        let error = with_mtl(&format!("usemtl white\n{TRIANGLE}"), mtl).unwrap_err();
-        assert!(error.starts_with("a.mtl:2: Kd 1 1 1 of material `white`"), "{error}");
-        let (model, warnings) = with_mtl(TRIANGLE, mtl).unwrap();
-        assert_eq!(model.materials[0].reflectance, Rgb::splat(0.5));
-        assert!(warnings.iter().any(|warning| warning.contains("no face uses it")));
+    fn a_reflectance_above_one_is_scaled_with_a_warning_unless_it_is_unused_or_overridden() {
+        let mtl = "newmtl white\nKd 2 1 1\n";
+        let obj = format!("usemtl white\n{TRIANGLE}");
+        let (model, warnings) = with_mtl(&obj, mtl).unwrap();
+        assert_eq!(model.materials[0].reflectance, Rgb::new(1.0, 0.5, 0.5));
+        assert!(warnings[0].starts_with("a.mtl:2: Kd above 1") && warnings.len() == 1);
+        let (_, warnings) = with_mtl(TRIANGLE, mtl).unwrap();
+        assert!(!warnings.iter().any(|warning| warning.contains("Kd")), "{warnings:?}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.obj");
+        fs::write(&path, format!("mtllib a.mtl\n{obj}")).unwrap();
+        fs::write(folder.path().join("a.mtl"), mtl).unwrap();
+        assert!(load(&path, |name| name == "white").unwrap().warnings.is_empty());
     }
 
     #[test]
-    fn a_reflectance_out_of_range_may_be_overridden() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.obj");
-        fs::write(&path, format!("mtllib a.mtl\nusemtl white\n{TRIANGLE}")).unwrap();
-        fs::write(folder.path().join("a.mtl"), "newmtl white\nKd 1\n").unwrap();
-        assert!(load(&path, |name| name == "red").is_err());
-        assert!(load(&path, |name| name == "white").is_ok());
+    fn textures_and_vertex_colours_reach_the_model() {
+        let mut picture = std::io::Cursor::new(Vec::new());
+        let pixels = image::RgbaImage::from_pixel(2, 2, image::Rgba([9, 9, 9, 255]));
+        pixels.write_to(&mut picture, image::ImageFormat::Png).unwrap();
+        let obj =
+            "mtllib a.mtl\nv 0 0 0\nv 1 0 0 0 1 1\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl\nf 3 2 1\n";
+        let mtl = "newmtl a\nKd 0 0 0\nmap_Kd my picture.png\nnewmtl b\nmap_Kd none.png\n";
+        let (model, warnings) = load_files(&[
+            ("a.obj", obj.as_bytes()),
+            ("a.mtl", mtl.as_bytes()),
+            ("my picture.png", picture.get_ref()),
+        ])
+        .unwrap();
+        assert_eq!((model.textures.len(), model.files.len()), (1, 2));
+        assert!(model.materials[0].reflectance_map.is_some());
+        assert_eq!(model.materials[2].reflectance, Rgb::ONE);
+        let colors = model.mesh.colors.unwrap();
+        let red = colors.at(crate::geometry::TriangleId(1), 1);
+        assert_eq!(red, Some(Rgb::new(0.0, 1.0, 1.0)));
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+    }
+
+    #[test]
+    fn names_in_windows_1252_are_those_that_a_user_reads() {
+        let obj = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl W\xe4nde\nf 1 2 3\n";
+        let (model, warnings) =
+            load_files(&[("a.obj", obj), ("a.mtl", b"newmtl W\xe4nde\nKd 0.3\n")]).unwrap();
+        assert_eq!((names(&model), warnings.len()), (vec!["W\u{e4}nde"], 0));
     }
 
     #[test]
@@ -250,7 +290,8 @@ mod tests {
         assert!(message(&folder.path().join("none.obj")).contains("No such file"));
         assert!(load_obj("").unwrap_err().starts_with("a.obj: the file contains no faces"));
         assert!(load_obj("glTF\0\0").unwrap_err().contains("does not look like an OBJ file"));
-        assert!(with_mtl(TRIANGLE, "\0").unwrap_err().contains("does not look like an MTL file"));
+        let (_, warnings) = with_mtl(TRIANGLE, "\0").unwrap();
+        assert!(warnings[1].contains("does not look like an MTL file"), "{warnings:?}");
     }
 
     /// Marsaglia's xorshift64: enough disorder for a test, the same in every run.

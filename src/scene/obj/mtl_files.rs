@@ -1,20 +1,19 @@
 //! Finds and reads the MTL files that an OBJ file asks for.
 
 use std::collections::HashSet;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use super::ignored::default_stated;
 use super::mtl_reader::Library;
 use super::reader::{Named, ObjFile};
-use crate::error::{Result, Warning};
+use crate::error::Warning;
 use crate::scene::text::{decode, quote, read_bytes, words};
 
 /// Reads the materials of the OBJ file at `path`; warnings are added to those of `obj`.
 ///
-/// A file that cannot be read is a warning, a file with a malformed line an error. A material that
-/// faces use and no file defines is added without values, and is a warning.
-pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Result<Library> {
+/// A file that cannot be read, or that is no text, is a warning. A material that faces use and no file
+/// defines is added without values, and is a warning.
+pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
     let mut library = Library::default();
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut seen = HashSet::new();
@@ -26,9 +25,16 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Result<Library> {
             match read_bytes(&file) {
                 Ok(bytes) => {
                     library.files.push(file.clone());
-                    library.add(&file, &decode(bytes, &file, "MTL")?, &mut obj.warnings)?;
+                    match decode(bytes, &file, "MTL") {
+                        Ok(text) => library.add(&file, &text, &mut obj.warnings),
+                        Err(error) => {
+                            obj.warnings.push(unreadable(path, asked, &file, error.cause()));
+                        }
+                    }
                 }
-                Err(error) => obj.warnings.push(unreadable(path, asked, &file, &error)),
+                Err(error) => {
+                    obj.warnings.push(unreadable(path, asked, &file, &error.to_string()));
+                }
             }
         }
     }
@@ -38,7 +44,7 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Result<Library> {
             obj.warnings.push(undefined(path, material));
         }
     }
-    Ok(library)
+    library
 }
 
 /// The files that `names` means. OBJ separates file names by blanks, yet many exporters write one
@@ -60,7 +66,7 @@ fn locate(folder: &Path, name: &str) -> PathBuf {
     if !plain.is_file() && slashed.is_file() { slashed } else { plain }
 }
 
-fn unreadable(obj: &Path, asked: &Named, file: &Path, error: &io::Error) -> Warning {
+fn unreadable(obj: &Path, asked: &Named, file: &Path, error: &str) -> Warning {
     let file = quote(&file.to_string_lossy());
     let text = format!(
         "cannot read the material file {file}: {error}; faces with its materials get {}",

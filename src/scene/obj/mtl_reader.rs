@@ -1,4 +1,4 @@
-//! Reads MTL files line by line. Of a material, only `Kd` and `Ke` matter to diffuse light.
+//! Reads MTL files line by line. Nothing in them is an error: a viewer shows such a model all the same.
 //!
 //! `tobj` reads the colours. It gets one at a time, so that what it refuses has a line, and always
 //! three numbers, since it panics at the grey `Kd 0.5`.
@@ -6,6 +6,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use super::mtl_map::MapLine;
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::scene::text::{keyword_and_rest, number, numbered_lines, quote, words};
@@ -30,31 +31,34 @@ pub(super) struct Entry {
     pub line: usize,
     pub kd: Option<Color>,
     pub ke: Option<Color>,
-    textured: bool,
+    pub ks: Option<Color>,
+    /// Opacity; finite.
+    pub d: Option<f32>,
+    /// Transparency; finite.
+    pub tr: Option<f32>,
+    pub map_kd: Option<MapLine>,
+    pub map_ke: Option<MapLine>,
+    pub map_d: Option<MapLine>,
 }
 
-/// A colour and the line where it stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A colour, or why it is none, and the line where it stands.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Color {
-    pub value: Rgb,
+    pub value: std::result::Result<Rgb, String>,
     pub line: usize,
 }
 
 impl Library {
-    /// Checks the `text` of an MTL `file` and adds its materials. Fails at the first line that has
-    /// no meaning; whether values are in range is judged later, when the used materials are known.
-    pub(super) fn add(
-        &mut self,
-        file: &Path,
-        text: &str,
-        warnings: &mut Vec<Warning>,
-    ) -> Result<()> {
-        let mut checker = Checker { library: self, file, warnings, current: None };
+    /// Adds the materials in the `text` of an MTL `file`. Whether values are in range is judged later, when the
+    /// used materials are known.
+    pub(super) fn add(&mut self, file: &Path, text: &str, warnings: &mut Vec<Warning>) {
+        let (strays, nameless) = (Vec::new(), Vec::new());
+        let mut checker =
+            Checker { library: self, file, warnings, current: None, strays, nameless };
         for (number, line) in numbered_lines(text) {
-            checker.statement(number, &line).map_err(|e| e.in_file(file).at_line(number))?;
+            checker.statement(number, &line);
         }
-        checker.warn_of_textures();
-        Ok(())
+        checker.finish();
     }
 
     /// Index into `entries`.
@@ -88,26 +92,33 @@ struct Checker<'a> {
     warnings: &'a mut Vec<Warning>,
     /// Index of the entry that the lines belong to.
     current: Option<usize>,
+    /// Lines that mean something, before the first `newmtl`.
+    strays: Vec<usize>,
+    /// Lines with `newmtl` alone.
+    nameless: Vec<usize>,
 }
 
 impl Checker<'_> {
     /// Lines without a bearing on diffuse light are passed over, well-formed or not.
-    fn statement(&mut self, line: usize, text: &str) -> Result<()> {
+    fn statement(&mut self, line: usize, text: &str) {
         let (keyword, rest) = keyword_and_rest(text);
         match keyword {
-            "newmtl" => self.newmtl(line, rest)?,
-            "Kd" => self.entry(keyword)?.kd = Some(Color { value: rgb(keyword, rest)?, line }),
-            "Ke" => self.entry(keyword)?.ke = Some(Color { value: rgb(keyword, rest)?, line }),
-            "map_Kd" | "map_Ke" => self.entry(keyword)?.textured = true,
+            "newmtl" => self.newmtl(line, rest),
+            "Kd" => self.set(line, |entry| entry.kd = Some(color(keyword, rest, line))),
+            "Ke" => self.set(line, |entry| entry.ke = Some(color(keyword, rest, line))),
+            "Ks" => self.set(line, |entry| entry.ks = Some(color(keyword, rest, line))),
+            "d" => self.set(line, |entry| entry.d = last_number(rest).or(entry.d)),
+            "Tr" => self.set(line, |entry| entry.tr = last_number(rest).or(entry.tr)),
+            "map_Kd" => self.set(line, |entry| entry.map_kd = MapLine::parse(line, rest)),
+            "map_Ke" => self.set(line, |entry| entry.map_ke = MapLine::parse(line, rest)),
+            "map_d" => self.set(line, |entry| entry.map_d = MapLine::parse(line, rest)),
             _ => {}
         }
-        Ok(())
     }
 
-    fn newmtl(&mut self, line: usize, name: &str) -> Result<()> {
+    fn newmtl(&mut self, line: usize, name: &str) {
         if name.is_empty() {
-            return Err(Error::new("`newmtl` without the name of a material")
-                .remedy("add the name or delete the material"));
+            self.nameless.push(line);
         }
         if let Some(&index) = self.library.by_name.get(name) {
             self.warn_of_duplicate(line, index);
@@ -118,15 +129,26 @@ impl Checker<'_> {
             line,
             ..Entry::default()
         }));
-        Ok(())
     }
 
-    /// The entry that a line with `keyword` belongs to.
-    fn entry(&mut self, keyword: &str) -> Result<&mut Entry> {
+    /// Sets a value of the entry that a line belongs to.
+    fn set(&mut self, line: usize, value: impl FnOnce(&mut Entry)) {
         match self.current {
-            Some(index) => Ok(&mut self.library.entries[index]),
-            None => Err(Error::new(format!("`{keyword}` before the first `newmtl`"))
-                .remedy("name the material with `newmtl` first, or delete the line")),
+            Some(index) => value(&mut self.library.entries[index]),
+            None => self.strays.push(line),
+        }
+    }
+
+    fn finish(self) {
+        let kinds = [
+            (self.strays, "a statement before the first `newmtl` is ignored"),
+            (self.nameless, "`newmtl` without the name of a material: no face can have it"),
+        ];
+        for (lines, text) in kinds {
+            if let Some(&first) = lines.first() {
+                let text = format!("{text} ({} in all)", lines.len());
+                self.warnings.push(Warning::in_file(self.file, Some(first), text));
+            }
         }
     }
 
@@ -140,19 +162,15 @@ impl Checker<'_> {
         let text = format!("material {name} is defined again and replaces the one in {place}");
         self.warnings.push(Warning::in_file(self.file, Some(line), text));
     }
+}
 
-    fn warn_of_textures(&mut self) {
-        let in_this_file = |entry: &&Entry| entry.file.as_deref() == Some(self.file);
-        let entries = self.library.entries.iter().filter(in_this_file);
-        let count = entries.filter(|entry| entry.textured).count();
-        if count > 0 {
-            let text = format!(
-                "textures (`map_Kd`, `map_Ke`) are ignored, Kd and Ke are used alone \
-                 (materials: {count})"
-            );
-            self.warnings.push(Warning::in_file(self.file, None, text));
-        }
-    }
+/// The number of `d 0.5` and of `d -halo 0.5`.
+fn last_number(rest: &str) -> Option<f32> {
+    words(rest).last().and_then(|word| number(word).ok())
+}
+
+fn color(keyword: &str, rest: &str, line: usize) -> Color {
+    Color { value: rgb(keyword, rest).map_err(|error| error.cause().to_owned()), line }
 }
 
 /// A colour in linear RGB. One number means grey, by the MTL specification.
@@ -195,69 +213,67 @@ fn wrong_color(keyword: &str, given: &[&str]) -> Error {
 mod tests {
     use super::*;
 
-    fn check(text: &str) -> Result<(Library, Vec<String>)> {
+    fn check(text: &str) -> (Library, Vec<String>) {
         let (mut library, mut warnings) = (Library::default(), Vec::new());
-        library.add(Path::new("a.mtl"), text, &mut warnings)?;
-        Ok((library, warnings.iter().map(Warning::to_string).collect()))
+        library.add(Path::new("a.mtl"), text, &mut warnings);
+        (library, warnings.iter().map(Warning::to_string).collect())
     }
 
-    fn error_of(text: &str) -> String {
-        let error = check(text).expect_err(text).to_string();
-        error.lines().next().unwrap_or_default().to_owned()
+    fn value(color: &Option<Color>) -> std::result::Result<Rgb, String> {
+        color.as_ref().expect("a colour").value.clone()
     }
 
     #[test]
     fn one_number_is_grey_and_other_statements_are_passed_over() {
-        let text = "newmtl a b\r\nKd 0.5\r\nKs what\nd -halo 1\nKe 1 2 3 # lamp\n";
-        let (library, warnings) = check(text).unwrap();
+        let text = "newmtl a b\r\nKd 0.5\r\nKs what\nd -halo 0.25\nTr x\nKe 1 2 3 # lamp\nNs ?\n";
+        let (library, warnings) = check(text);
         let [entry] = &library.entries[..] else { panic!("one material") };
-        assert_eq!(entry.name, "a b");
-        assert_eq!(entry.kd, Some(Color { value: Rgb::splat(0.5), line: 2 }));
-        assert_eq!(entry.ke, Some(Color { value: Rgb::new(1.0, 2.0, 3.0), line: 5 }));
-        assert!(warnings.is_empty());
+        assert_eq!((entry.name.as_str(), entry.d, entry.tr), ("a b", Some(0.25), None));
+        assert_eq!(entry.kd, Some(Color { value: Ok(Rgb::splat(0.5)), line: 2 }));
+        assert_eq!(value(&entry.ke), Ok(Rgb::new(1.0, 2.0, 3.0)));
+        assert!(value(&entry.ks).is_err() && warnings.is_empty());
     }
 
     #[test]
-    fn each_malformed_line_is_named() {
+    fn a_malformed_colour_knows_why() {
+        for (rest, why) in [
+            ("1 2", "`Kd` takes 1 or 3 numbers, this one has 2"),
+            ("", "`Kd` takes 1 or 3 numbers, this one has 0"),
+            ("0 0 0 0", "`Kd` takes 1 or 3 numbers, this one has 4"),
+            ("0 0 O", "`O` is not a number"),
+            ("0 0 inf", "`inf` is not a finite number"),
+            ("spectral a.rfl", "`Kd spectral` is not supported"),
+            ("xyz 1 1 1", "`Kd xyz` is not supported"),
+        ] {
+            let (library, _) = check(&format!("newmtl a\nKd {rest}"));
+            assert_eq!(value(&library.entries[0].kd), Err(why.into()), "{rest}");
+        }
+        let (library, _) = check("newmtl a\nKd 0 \u{a0} 1");
+        assert!(value(&library.entries[0].kd).unwrap_err().ends_with("is not a number"));
+    }
+
+    #[test]
+    fn statements_that_belong_to_no_material_are_warnings() {
+        let (library, warnings) = check("Kd 0 0 0\nmap_Kd x.png\nnewmtl a\nnewmtl\nKd 1\n");
+        assert_eq!(library.entries[0].kd, None);
         assert_eq!(
-            error_of("newmtl a\nKd 1 2"),
-            "a.mtl:2: `Kd` takes 1 or 3 numbers, this one has 2"
+            warnings,
+            [
+                "a.mtl:1: a statement before the first `newmtl` is ignored (2 in all)",
+                "a.mtl:4: `newmtl` without the name of a material: no face can have it (1 in all)",
+            ]
         );
-        assert_eq!(error_of("newmtl a\nKe"), "a.mtl:2: `Ke` takes 1 or 3 numbers, this one has 0");
-        assert_eq!(
-            error_of("newmtl a\nKd 0 0 0 0"),
-            "a.mtl:2: `Kd` takes 1 or 3 numbers, this one has 4"
-        );
-        assert!(error_of("newmtl a\nKd 0 \u{a0} 1").ends_with("is not a number"));
-        assert_eq!(error_of("newmtl a\nKd 0 0 O"), "a.mtl:2: `O` is not a number");
-        assert_eq!(error_of("newmtl a\nKe 0 0 inf"), "a.mtl:2: `inf` is not a finite number");
-        assert_eq!(
-            error_of("newmtl a\nKd spectral a.rfl"),
-            "a.mtl:2: `Kd spectral` is not supported"
-        );
-        assert_eq!(error_of("newmtl a\nKd xyz 1 1 1"), "a.mtl:2: `Kd xyz` is not supported");
-        assert_eq!(error_of("\nnewmtl  "), "a.mtl:2: `newmtl` without the name of a material");
-        assert_eq!(error_of("Kd 0 0 0\nnewmtl a"), "a.mtl:1: `Kd` before the first `newmtl`");
     }
 
     #[test]
     fn the_last_of_two_definitions_counts_and_is_told() {
-        let (library, warnings) = check("newmtl a\nKd 0.1\nnewmtl b\nnewmtl a\nKe 9\n").unwrap();
+        let (library, warnings) = check("newmtl a\nKd 0.1\nnewmtl b\nnewmtl a\nKe 9\n");
         let [a, b] = &library.entries[..] else { panic!("two materials") };
         assert_eq!((a.name.as_str(), b.name.as_str()), ("a", "b"));
-        assert_eq!((a.kd, a.ke), (None, Some(Color { value: Rgb::splat(9.0), line: 5 })));
+        assert_eq!((&a.kd, value(&a.ke)), (&None, Ok(Rgb::splat(9.0))));
         assert_eq!(
             warnings,
             ["a.mtl:4: material `a` is defined again and replaces the one in line 1"]
         );
-    }
-
-    #[test]
-    fn textures_are_told_once_with_the_number_of_materials() {
-        let text = "newmtl a\nmap_Kd x.png\nmap_Ke y.png\nnewmtl b\nnewmtl c\nmap_Kd z.png\n";
-        let (_, warnings) = check(text).unwrap();
-        assert_eq!(warnings.len(), 1);
-        assert!(warnings[0].starts_with("a.mtl: textures"));
-        assert!(warnings[0].ends_with("(materials: 2)"));
     }
 }

@@ -3,10 +3,11 @@
 //! `tobj` would read OBJ files too, but its errors carry no line, it reads some malformed
 //! lines as something else, and it does not tell which face of the file a triangle comes from.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::ignored::LeftAside;
+use crate::color::{Rgb, srgb_decode};
 use crate::error::{Error, Result, Warning};
 use crate::scene::mesh::Part;
 use crate::scene::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
@@ -18,6 +19,8 @@ pub(super) struct ObjFile {
     pub positions: Vec<DVec3>,
     pub texture: Vec<Vec2>,
     pub normals: Vec<Vec3>,
+    /// Linear, one per position; empty if all are white.
+    pub colors: Vec<Rgb>,
     /// Never empty.
     pub faces: Vec<Face>,
     /// The corners of all faces, one face after the other.
@@ -57,12 +60,14 @@ pub(super) struct Named {
     pub line: usize,
 }
 
-/// Reads the `text` of the OBJ file at `path`. Fails at the first line that has no meaning, or if
-/// no line is a face.
+/// Reads the `text` of the OBJ file at `path`. Fails if lines have no meaning, all of which the error names,
+/// or if no line is a face.
 pub(super) fn read_obj(path: &Path, text: &str) -> Result<ObjFile> {
     let mut reader = Reader::default();
     for (number, line) in numbered_lines(text) {
-        reader.statement(number, &line).map_err(|e| e.in_file(path).at_line(number))?;
+        if let Err(error) = reader.statement(number, &line) {
+            reader.errors.push(error.at_line(number));
+        }
     }
     reader.finish(path)
 }
@@ -79,6 +84,7 @@ struct Reader {
     new_material: Option<Named>,
     /// The material of the face before.
     material: Option<usize>,
+    has_usemtl: bool,
     /// Index into `file.parts`.
     part_numbers: HashMap<Part, u32>,
     /// The latest `o` and `g`.
@@ -86,17 +92,29 @@ struct Reader {
     /// The index of `part`, once a face has needed it.
     part_number: Option<u32>,
     ignored: LeftAside,
+    /// Those with their lines.
+    errors: Vec<Error>,
+    /// Per position that has none, in order: its number from 1, and why. It is an error if a face uses it.
+    bad_vertices: Vec<(u32, Error)>,
+    /// The largest component of a vertex colour.
+    brightest: f32,
 }
 
 impl Reader {
     fn statement(&mut self, line: usize, text: &str) -> Result<()> {
         let (keyword, rest) = keyword_and_rest(text);
         match keyword {
-            "v" => self.file.positions.push(position(rest)?),
-            "vt" => self.file.texture.push(numbers_or_zero(rest).into()),
-            "vn" => self.file.normals.push(numbers_or_zero(rest).into()),
+            "v" => self.vertex(line, rest),
+            "vt" => {
+                let uv = self.numbers_or_zero(line, rest);
+                self.file.texture.push(uv.into());
+            }
+            "vn" => {
+                let normal = self.numbers_or_zero(line, rest);
+                self.file.normals.push(normal.into());
+            }
             "f" | "fo" => self.face(line, rest)?,
-            "usemtl" => self.usemtl(line, rest)?,
+            "usemtl" => self.usemtl(line, rest),
             "mtllib" => self.file.libraries.push(Named { name: rest.to_owned(), line }),
             "o" => self.name_part(|part| &mut part.object, rest),
             "g" => self.name_part(|part| &mut part.group, rest),
@@ -155,13 +173,55 @@ impl Reader {
         Ok(index as u32)
     }
 
-    fn usemtl(&mut self, line: usize, name: &str) -> Result<()> {
+    /// Without a name: the default material from here on.
+    fn usemtl(&mut self, line: usize, name: &str) {
+        self.new_material = None;
+        self.has_usemtl = true;
         if name.is_empty() {
-            return Err(Error::new("`usemtl` without the name of a material")
-                .remedy("add the name or delete the line"));
+            self.ignored.blank_usemtl(line);
+            self.material = None;
+        } else {
+            self.new_material = Some(Named { name: name.to_owned(), line });
         }
-        self.new_material = Some(Named { name: name.to_owned(), line });
-        Ok(())
+    }
+
+    /// `v x y z`, `v x y z w`, or `v x y z r g b` with perhaps an opacity.
+    fn vertex(&mut self, line: usize, rest: &str) {
+        let (position, color) = position(rest);
+        let number = self.file.positions.len() as u32 + 1;
+        match position {
+            Ok(position) => self.file.positions.push(position),
+            Err(error) => {
+                self.bad_vertices.push((number, error.at_line(line)));
+                // Somewhere among the others, so that it changes nothing about their extent.
+                self.file.positions.push(self.file.positions.last().copied().unwrap_or_default());
+            }
+        }
+        if let Some(color) = color {
+            if !color.is_finite() {
+                self.ignored.bad_coordinate(line);
+            }
+            let color = if color.is_finite() { color.max(Rgb::ZERO) } else { Rgb::ONE };
+            self.brightest = self.brightest.max(color.max_element());
+            self.file.colors.resize(number as usize - 1, Rgb::ONE);
+            self.file.colors.push(color);
+        }
+    }
+
+    /// For `vt` and `vn`: a number that is missing or malformed is 0.
+    fn numbers_or_zero<const N: usize>(&mut self, line: usize, rest: &str) -> [f32; N] {
+        let mut malformed = false;
+        let mut numbers = words(rest).map(|word| {
+            number(word).unwrap_or_else(|_| {
+                malformed = true;
+                0.0
+            })
+        });
+        let numbers = std::array::from_fn(|_| numbers.next().unwrap_or(0.0));
+        if malformed {
+            self.ignored.bad_coordinate(line);
+        }
+        numbers
     }
 
     /// The material of the next face. Only here is it listed, so that a material that no face uses
@@ -174,7 +234,7 @@ impl Reader {
                 self.file.materials.push(named);
             }
             self.material = Some(number);
-        } else if self.material.is_none() {
+        } else if !self.has_usemtl {
             self.ignored.face_before_usemtl(line);
         }
         self.material
@@ -198,11 +258,12 @@ impl Reader {
     }
 
     fn finish(mut self, path: &Path) -> Result<ObjFile> {
-        let count = self.file.positions.len();
-        if let Some((line, index)) = self.forward.iter().find(|(_, index)| *index > count) {
-            return Err(out_of_range(*index as i64, &format!("the file has {count} vertices"))
-                .in_file(path)
-                .at_line(*line));
+        self.judge_forward();
+        self.judge_bad_vertices();
+        self.errors.sort_by_key(Error::line);
+        let errors = std::mem::take(&mut self.errors).into_iter();
+        if let Some(error) = Error::all(errors.map(|error| error.in_file(path)).collect()) {
+            return Err(error);
         }
         if self.file.faces.is_empty() {
             return Err(Error::new("the file contains no faces, so there is nothing to render")
@@ -210,8 +271,49 @@ impl Reader {
                 .remedy("export the model as triangles or polygons (`f` lines)"));
         }
         self.drop_dangling();
-        self.file.warnings = self.ignored.warnings(path);
+        self.finish_colors();
+        self.file.warnings = self.ignored.warnings(path, !self.file.colors.is_empty());
         Ok(self.file)
+    }
+
+    /// Only now it is known how many vertices there are.
+    fn judge_forward(&mut self) {
+        let count = self.file.positions.len();
+        let missing = self.forward.iter().filter(|(_, index)| *index > count);
+        self.errors.extend(missing.map(|(line, index)| {
+            out_of_range(*index as i64, &format!("the file has {count} vertices")).at_line(*line)
+        }));
+    }
+
+    fn judge_bad_vertices(&mut self) {
+        if self.bad_vertices.is_empty() {
+            return;
+        }
+        let corners = self.file.corners.iter();
+        let used: HashSet<u32> = corners.map(|corner| corner.position).collect();
+        for (number, error) in std::mem::take(&mut self.bad_vertices) {
+            // Without any faces it may be the reason why there are none.
+            if used.contains(&number) || self.file.faces.is_empty() {
+                self.errors.push(error);
+            } else {
+                self.ignored.bad_vertex(error.line().unwrap_or_default());
+            }
+        }
+    }
+
+    /// Vertex colours are stored as they are displayed: MeshLab writes its bytes / 255, and Blender encodes its
+    /// linear colours as sRGB. So they are decoded. Above 1, all are bytes.
+    fn finish_colors(&mut self) {
+        let white = if self.brightest > 1.0 { 255.0 } else { 1.0 };
+        let colors = &mut self.file.colors;
+        for color in colors.iter_mut().filter(|color| **color != Rgb::ONE || white != 1.0) {
+            *color = (*color / white).map(srgb_decode);
+        }
+        if colors.iter().all(|color| *color == Rgb::ONE) {
+            colors.clear();
+        } else {
+            colors.resize(self.file.positions.len(), Rgb::ONE);
+        }
     }
 
     /// Light needs neither texture coordinates nor normals, so an index that points to nothing is
@@ -229,23 +331,32 @@ impl Reader {
     }
 }
 
-/// `v x y z`, `v x y z w`, or `v x y z r g b` with perhaps an opacity. Colours are dropped.
-fn position(rest: &str) -> Result<DVec3> {
+/// The position of a `v` line, and its colour as it is written, if it has one; NaN if that is malformed.
+fn position(rest: &str) -> (Result<DVec3>, Option<Rgb>) {
     let mut values = [0.0; 7];
-    let mut count = 0;
+    let (mut count, mut malformed) = (0, None);
     for word in words(rest) {
-        let value = number(word)?;
+        let value = number(word).unwrap_or_else(|error| {
+            // A malformed colour is no malformed position.
+            if count < 3 {
+                malformed.get_or_insert(error);
+            }
+            f64::NAN
+        });
         if let Some(slot) = values.get_mut(count) {
             *slot = value;
         }
         count += 1;
     }
-    let w = match count {
-        3 | 6 | 7 => 1.0,
-        4 => values[3],
-        _ => return Err(wrong_vertex(count)),
+    let color = || Rgb::new(values[3] as f32, values[4] as f32, values[5] as f32);
+    let (w, color) = match count {
+        3 => (1.0, None),
+        6 | 7 => (1.0, Some(color())),
+        4 => (values[3], None),
+        _ => return (Err(malformed.unwrap_or_else(|| wrong_vertex(count))), None),
     };
-    weighted(DVec3::from_slice(&values), w)
+    let position = malformed.map_or_else(|| weighted(DVec3::from_slice(&values), w), Err);
+    (position, color)
 }
 
 fn wrong_vertex(count: usize) -> Error {
@@ -254,6 +365,9 @@ fn wrong_vertex(count: usize) -> Error {
 }
 
 fn weighted(coordinates: DVec3, w: f64) -> Result<DVec3> {
+    if w.is_nan() {
+        return Err(Error::new("the weight w is not a number").remedy("delete w, or set it to 1"));
+    }
     if w == 0.0 {
         return Err(Error::new("the weight w is 0, so the vertex is infinitely far away")
             .remedy("delete w, or set it to 1"));
@@ -264,12 +378,6 @@ fn weighted(coordinates: DVec3, w: f64) -> Result<DVec3> {
             .remedy("scale the model down, for instance from millimetres to metres")),
         None => Ok(position),
     }
-}
-
-/// For `vt` and `vn`: a number that is missing or malformed is 0, since light needs none of them.
-fn numbers_or_zero<const N: usize>(rest: &str) -> [f32; N] {
-    let mut numbers = words(rest).map(|word| number(word).unwrap_or(0.0));
-    std::array::from_fn(|_| numbers.next().unwrap_or(0.0))
 }
 
 /// The number of a texture coordinate or normal, of which there are `count` so far; 0 if the face
@@ -307,7 +415,8 @@ mod tests {
 
     /// The first line of the message, for `line` after the three vertices.
     fn error_of(line: &str) -> String {
-        let error = read(&format!("{TRIANGLE}{line}\n")).expect_err(line).to_string();
+        let faces = format!("{line}\nf 1 2 -1\n");
+        let error = read(&format!("{TRIANGLE}{faces}")).expect_err(line).to_string();
         error.lines().next().unwrap_or_default().to_owned()
     }
 
@@ -389,11 +498,55 @@ mod tests {
         let used: Vec<_> = file.faces.iter().map(|face| face.material).collect();
         assert_eq!(used, [Some(0), Some(1), Some(0)]);
         assert_eq!(file.warnings, []);
-        assert!(error_of("usemtl  ").contains("without the name"));
     }
 
     #[test]
     fn a_file_without_faces_is_refused_without_a_line() {
-        assert!(error_of("l 1 2").starts_with("a.obj: the file contains no faces"));
+        let error = read(&format!("{TRIANGLE}l 1 2")).unwrap_err().to_string();
+        assert!(error.starts_with("a.obj: the file contains no faces"));
+    }
+
+    #[test]
+    fn all_malformed_lines_are_told_at_once_in_order() {
+        let text = "f 1 2\nv 1 x 3\nf 1 2 9\nf 1 2 4\nf 1 0 2\n";
+        let error = read(&format!("{TRIANGLE}{text}")).unwrap_err().to_string();
+        let lines: Vec<&str> = error.lines().collect();
+        assert_eq!(lines.len(), 5, "{error}");
+        assert!(lines[0].starts_with("a.obj:4:") && lines[1].starts_with("  help:"), "{error}");
+        assert_eq!(lines[2], "a.obj:5: `x` is not a number");
+        assert!(lines[3].starts_with("a.obj:6:") && lines[4].starts_with("a.obj:8:"), "{error}");
+    }
+
+    #[test]
+    fn numbers_that_nobody_uses_may_be_malformed() {
+        let text = "v nan 0 0\nvt inf 0\nvn nan nan nan\nf 1/1/1 2 3\nv 1 2\n";
+        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
+        assert_eq!((file.texture[0], file.normals[0]), (Vec2::ZERO, Vec3::ZERO));
+        assert!(file.positions.len() == 5 && file.positions.iter().all(|p| p.is_finite()));
+        let said: Vec<String> = file.warnings.iter().map(Warning::to_string).collect();
+        assert_eq!(said.len(), 3, "{said:?}");
+        assert!(said[1].starts_with("a.obj:4: a vertex that no face uses"), "{said:?}");
+        assert!(said[1].ends_with("(2 in all)") && said[2].ends_with("(2 in all)"), "{said:?}");
+    }
+
+    #[test]
+    fn a_blank_usemtl_stands_for_the_default_material() {
+        let text = "usemtl a\nf 1 2 3\nusemtl\nf 1 2 3\nf 3 2 1\nusemtl a\nf 1 2 3\n";
+        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
+        let used: Vec<_> = file.faces.iter().map(|face| face.material).collect();
+        assert_eq!(used, [Some(0), None, None, Some(0)]);
+        assert_eq!(file.warnings.len(), 1);
+        assert!(file.warnings[0].to_string().starts_with("a.obj:6: `usemtl` without a name"));
+    }
+
+    #[test]
+    fn vertex_colours_are_decoded_from_srgb_and_white_ones_are_dropped() {
+        let colors = |text: &str| read(&format!("{text}f 1 2 3\n")).unwrap().colors;
+        let text = "v 0 0 0\nv 1 0 0 1 0 0.5\nv 0 1 0 1 x 1\n";
+        let grey = srgb_decode(0.5);
+        assert_eq!(colors(text), [Rgb::ONE, Rgb::new(1.0, 0.0, grey), Rgb::ONE]);
+        let text = "v 0 0 0 255 0 51 255\nv 1 0 0\nv 0 1 0\n";
+        assert_eq!(colors(text)[0], Rgb::new(1.0, 0.0, srgb_decode(0.2)));
+        assert!(colors("v 0 0 0 1 1 1\nv 1 0 0\nv 0 1 0 1 1 1 1\n").is_empty());
     }
 }
