@@ -141,7 +141,7 @@ impl Seen {
         let is_front = scene.triangles[triangle.index()].normal().dot(direction) < 0.0;
         let side = sides[triangle.index()];
         let reflects = if is_front { side.front } else { side.back };
-        if reflects && scene.material(triangle).radiance_of(!is_front) == Vec3::ZERO {
+        if reflects && scene.radiance_on(triangle, !is_front) == Vec3::ZERO {
             self.lit += 1;
             self.fronts += is_front as usize;
         }

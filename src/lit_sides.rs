@@ -76,8 +76,7 @@ struct Search<'a> {
 impl Search<'_> {
     fn is_lit(&self, part: &[usize]) -> bool {
         let emits = |&side: &usize| {
-            let material = self.scene.material(TriangleId(side as u32 / 2));
-            material.radiance_of(side % 2 == 1) != Vec3::ZERO
+            self.scene.radiance_on(TriangleId(side as u32 / 2), side % 2 == 1) != Vec3::ZERO
         };
         let walks = WALKS + part.len() / 16;
         part.iter().any(emits)

@@ -225,6 +225,8 @@ impl Solution {
         let scene = &self.scene;
         let lists_fit = scene.material_of.len() == scene.triangles.len()
             && scene.material_of.iter().all(|m| (m.0 as usize) < scene.materials.len())
+            && (scene.back_of.is_empty() || scene.back_of.len() == scene.triangles.len())
+            && scene.back_of.iter().flatten().all(|m| (m.0 as usize) < scene.materials.len())
             && scene.mesh.fits(scene.triangles.len())
             && scene.triangles.iter().all(|t| t.area() > 0.0 && t.area().is_finite());
         if !lists_fit {

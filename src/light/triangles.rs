@@ -28,13 +28,15 @@ impl EmittingTriangles {
     /// Whole sides, as if no texture made their radiance vary.
     pub fn of(scene: &Scene) -> Self {
         let triangles = (0..scene.triangles.len() as u32).map(TriangleId);
-        let sides = triangles.filter(|t| scene.material(*t).emits()).flat_map(|triangle| {
-            let backs = if scene.material(triangle).emits_on_back { 0..2 } else { 0..1 };
-            backs.map(move |is_back| Side::new(scene, triangle, is_back == 1))
-        });
+        let shines =
+            |(t, is_back): &(TriangleId, bool)| scene.radiance_on(*t, *is_back) != Rgb::ZERO;
+        let sides = triangles
+            .flat_map(|triangle| [(triangle, false), (triangle, true)])
+            .filter(shines)
+            .map(|(triangle, is_back)| Side::new(scene, triangle, is_back));
         let emitter = |side: Side| Emitter {
             facet: Facet::new(side.shape(scene), &side),
-            exitance: (scene.material(side.triangle).radiance * PI).as_dvec3(),
+            exitance: (scene.radiance_on(side.triangle, side.is_back) * PI).as_dvec3(),
             probability: 0.0,
         };
         EmittingTriangles::new(sides.map(emitter).collect())

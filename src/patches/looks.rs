@@ -65,9 +65,9 @@ impl PatchMesh {
         self.scene.materials[side.material.0 as usize].radiance_map.is_some()
     }
 
-    /// The look at a hit, through a footprint of this diameter in the scene's units.
-    pub(crate) fn look(&self, hit: &Hit, footprint: f32) -> Look {
-        let material = self.scene.material(hit.triangle);
+    /// The look of a side at a hit, through a footprint of this diameter in the scene's units.
+    pub(crate) fn look(&self, side: &Side, hit: &Hit, footprint: f32) -> Look {
+        let material = &self.scene.materials[side.material.0 as usize];
         let uv = uv_of(&self.scene, hit.triangle);
         let seen = |map: &Option<Map>| match map {
             Some(map) => self.texel(map, uv, hit, footprint),
@@ -227,10 +227,11 @@ pub(crate) mod tests {
         let mesh = PatchMesh::subdivide(&patterned(), Subdivision::Levels(1)).unwrap();
         // (0.75, 0.875) in the upper left half: p = u · (1, 1) + v · (0, 1).
         let hit = Hit { triangle: TriangleId(1), t: 1.0, u: 0.75, v: 0.125 };
-        let look = mesh.look(&hit, 0.0);
+        let side = mesh.sides().iter().find(|s| s.triangle == hit.triangle).unwrap();
+        let look = mesh.look(side, &hit, 0.0);
         assert_eq!((look.radiance, look.reflectance), (Rgb::splat(2.0), Rgb::new(0.6, 0.8, 0.8)));
         // From very far the whole picture, which is half white.
-        assert!((mesh.look(&hit, 1e6).radiance - 1.0).abs().max_element() < 1e-6);
+        assert!((mesh.look(side, &hit, 1e6).radiance - 1.0).abs().max_element() < 1e-6);
     }
 
     #[test]

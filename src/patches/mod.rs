@@ -79,6 +79,8 @@ pub struct Side {
     pub triangle: TriangleId,
     pub is_back: bool,
     pub material: MaterialId,
+    /// Whether it emits light.
+    pub radiates: bool,
     /// Points to where the side radiates.
     pub normal: Vec3,
     pub level: u32,
@@ -98,7 +100,8 @@ impl Side {
         Side {
             triangle,
             is_back,
-            material: scene.material_of[triangle.index()],
+            material: scene.material_on(triangle, is_back),
+            radiates: scene.radiance_on(triangle, is_back) != Rgb::ZERO,
             normal: if is_back { -normal } else { normal },
             level: 0,
             first: PatchId(0),
@@ -149,7 +152,8 @@ impl Sides {
     /// The sides that a triangle's material gives it.
     pub fn of(scene: &Scene, triangle: TriangleId) -> Sides {
         let material = scene.material(triangle);
-        Sides { front: true, back: material.two_sided || material.shines_on_back() }
+        let back = material.two_sided || material.shines_on_back();
+        Sides { front: true, back: back || scene.own_back(triangle).is_some() }
     }
 
     /// Those of every triangle.
@@ -297,8 +301,10 @@ impl PatchMesh {
     /// Mean exitance E = πL of the patch, in W·m⁻².
     pub fn exitance(&self, patch: PatchId) -> Rgb {
         let (side, material) = (self.side(patch), self.material_of(patch));
-        let mean = self.looks.radiance(patch).filter(|_| material.radiates(side.is_back));
-        mean.unwrap_or_else(|| material.radiance_of(side.is_back)) * PI
+        if !side.radiates {
+            return Rgb::ZERO;
+        }
+        self.looks.radiance(patch).unwrap_or(material.radiance) * PI
     }
 
     fn material_of(&self, patch: PatchId) -> &Material {

@@ -167,8 +167,7 @@ impl<'m> Work<'m> {
                     radiance: material.radiance,
                     reflectance: material.reflectance,
                 });
-                let emits = material.radiates(point.side.is_back);
-                let emitted = if emits { radiance } else { Rgb::ZERO };
+                let emitted = if point.side.radiates { radiance } else { Rgb::ZERO };
                 let reflected = reflectance * irradiance / PI;
                 sum += emitted + reflected;
                 if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
@@ -189,7 +188,7 @@ impl<'m> Work<'m> {
             let side = mesh.side_hit(ray, &hit)?;
             // The projection of a disc on the surface is longer by 1 / cosθ.
             let cos = side.normal.dot(ray.direction).abs() / ray.direction.length();
-            Some(mesh.look(&hit, width * hit.t / cos))
+            Some(mesh.look(side, &hit, width * hit.t / cos))
         });
         self.looks.extend(met);
     }

@@ -3,6 +3,7 @@
 mod beside;
 mod budget;
 pub mod camera;
+mod coincident;
 pub mod document;
 mod gltf;
 pub(crate) mod groups;
@@ -47,6 +48,8 @@ pub struct Scene {
     pub triangles: Arc<[Triangle]>,
     /// One per triangle.
     pub material_of: Arc<[MaterialId]>,
+    /// Per triangle, the material of its back where that is another; empty if all have one.
+    pub back_of: Arc<[Option<MaterialId>]>,
     pub materials: Arc<[Material]>,
     /// The pictures that the materials' maps name.
     pub textures: Arc<[Texture]>,
@@ -108,6 +111,7 @@ impl Scene {
             degenerate: before - triangles.len(),
             triangles: triangles.into(),
             material_of: material_of.into(),
+            back_of: Arc::default(),
             materials: materials.into(),
             textures: Arc::default(),
             mesh: mesh.into(),
@@ -190,8 +194,23 @@ impl Scene {
         scene.warnings = warnings;
         scene.files = files;
         scene.check_extent(&description.file)?;
-        scene.warn_of_duplicates();
-        Ok(scene)
+        Ok(scene.merge_copies())
+    }
+
+    /// The material of a triangle's front or back.
+    pub fn material_on(&self, triangle: TriangleId, is_back: bool) -> MaterialId {
+        self.own_back(triangle).filter(|_| is_back).unwrap_or(self.material_of[triangle.index()])
+    }
+
+    /// The material of a back that is not that of the front.
+    pub fn own_back(&self, triangle: TriangleId) -> Option<MaterialId> {
+        self.back_of.get(triangle.index()).copied().flatten()
+    }
+
+    /// The radiance that a triangle's front or back emits, where no texture makes it vary.
+    pub fn radiance_on(&self, triangle: TriangleId, is_back: bool) -> Rgb {
+        let material = &self.materials[self.material_on(triangle, is_back).0 as usize];
+        material.radiance_of(is_back && self.own_back(triangle).is_none())
     }
 
     pub fn material(&self, triangle: TriangleId) -> &Material {
@@ -215,18 +234,36 @@ impl Scene {
 
     /// Whether any triangle emits light.
     pub fn emits(&self) -> bool {
-        self.material_of.iter().any(|m| self.materials[m.0 as usize].emits())
+        let used = self.material_of.iter().chain(self.back_of.iter().flatten());
+        used.into_iter().any(|m| self.materials[m.0 as usize].emits())
     }
 
-    /// Which of two triangles in one place a ray hits is chance, and so is the light on both.
-    fn warn_of_duplicates(&mut self) {
-        let duplicates = self.topology().duplicates();
-        if duplicates > 0 {
-            self.warnings.push(Warning::new(format!(
-                "{duplicates} triangles lie exactly where others do, and will look speckled; a sheet \
-                 that is lit on both sides is one triangle with two_sided = true in a scene \
-                 description's [materials.NAME]"
-            )));
+    /// Makes one sheet of triangles that lie exactly where others do.
+    fn merge_copies(self) -> Scene {
+        let Some(sheets) = coincident::find(self.topology(), &self.material_of) else {
+            return self;
+        };
+        let mut kept = sheets.kept.iter();
+        let stays = |_: &(&Triangle, &MaterialId)| *kept.next().expect("one answer per triangle");
+        let (triangles, material_of): (Vec<Triangle>, Vec<MaterialId>) =
+            self.triangles.iter().zip(self.material_of.iter()).filter(stays).unzip();
+        let mut mesh = Mesh::clone(&self.mesh);
+        mesh.retain(&sheets.kept);
+        let mut warnings = self.warnings.clone();
+        warnings.push(Warning::new(format!(
+            "{} triangles lie exactly where others do: {} are taken as the backs of these, {} are left out",
+            sheets.backs + sheets.equal,
+            sheets.backs,
+            sheets.equal
+        )));
+        Scene {
+            triangles: triangles.into(),
+            material_of: material_of.into(),
+            back_of: sheets.back_of.into(),
+            mesh: mesh.into(),
+            warnings,
+            known_topology: Arc::default(),
+            ..self
         }
     }
 

@@ -324,7 +324,7 @@ fn pictures_that_cannot_be_read_leave_the_factor() {
     assert!(warnings[0].contains("image 0 cannot be used: cannot read `none.png`"), "{warnings:?}");
     assert_eq!(warnings.len(), 2, "one warning per picture: {warnings:?}");
     json["images"][0]["uri"] = json!("data:image/png;base64,AAAA");
-    assert!(load_json(&json).unwrap().1[0].contains("the picture cannot be decoded"));
+    assert!(load_json(&json).unwrap().1[0].contains("image 0 cannot be used"));
 }
 
 #[test]

@@ -22,7 +22,9 @@ use crate::scene::text::{decode, read_bytes};
 use mtl_files::read_library;
 use mtl_materials::{Materials, Role, materials};
 use mtl_reader::Library;
-use reader::{ObjFile, read_obj};
+use reader::{Corner, ObjFile, read_obj};
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
@@ -81,14 +83,20 @@ fn cut(obj: ObjFile) -> Model {
     let (mut texture, mut normals) = (Vec::new(), Vec::new());
     let mut triangulator = Triangulator::new();
     let (mut polygon, mut cuts) = (Vec::new(), Vec::new());
+    let mut copies = Copies::default();
     let mut rest = obj.corners.as_slice();
     for (number, face) in (1..).zip(&obj.faces) {
         let (corners, others) = rest.split_at(face.arity);
         rest = others;
+        // A copy of a polygon is cut as the first one was, so that their triangles coincide too.
+        let ring = copies.first_like(corners);
         polygon.clear();
-        polygon.extend(corners.iter().map(|corner| obj.positions[corner.position as usize - 1]));
+        polygon.extend(ring.iter().map(|corner| obj.positions[corner.position as usize - 1]));
         cuts.clear();
         triangulator.triangulate(&polygon, &mut cuts);
+        if !std::ptr::eq(ring, corners) {
+            translate(&mut cuts, ring, corners);
+        }
         for cut in &cuts {
             triangles.push(cut.map(|k| corners[k].position - 1));
             origins.push(Origin { face: number, part: face.part });
@@ -105,6 +113,43 @@ fn cut(obj: ObjFile) -> Model {
     });
     let mesh = Mesh { origins, parts: obj.parts, texture, normals, colors };
     Model { positions: obj.positions, triangles, mesh, ..Model::default() }
+}
+
+/// Polygons by their sets of vertices, to find those that are there twice, as the two sides of a sheet are.
+#[derive(Default)]
+struct Copies<'o>(HashMap<u64, &'o [Corner]>);
+
+impl<'o> Copies<'o> {
+    /// The first polygon with the vertices of this one: itself if there was none.
+    fn first_like(&mut self, corners: &'o [Corner]) -> &'o [Corner] {
+        if corners.len() == 3 {
+            return corners;
+        }
+        let mut hasher = DefaultHasher::new();
+        sorted_positions(corners).hash(&mut hasher);
+        let first = *self.0.entry(hasher.finish()).or_insert(corners);
+        if sorted_positions(first) == sorted_positions(corners) { first } else { corners }
+    }
+}
+
+fn sorted_positions(corners: &[Corner]) -> Vec<u32> {
+    let mut positions: Vec<u32> = corners.iter().map(|corner| corner.position).collect();
+    positions.sort_unstable();
+    positions
+}
+
+/// Makes of cuts of the ring `from` cuts of the ring `to`, which has the same vertices.
+fn translate(cuts: &mut [[usize; 3]], from: &[Corner], to: &[Corner]) {
+    let place = |position: u32| to.iter().position(|corner| corner.position == position);
+    let to_place = |k: usize| place(from[k].position).expect("a vertex of both");
+    let next = (to_place(0) + 1) % to.len();
+    let is_reversed = to[next].position != from[1].position;
+    for cut in cuts {
+        *cut = cut.map(to_place);
+        if is_reversed {
+            cut.swap(1, 2);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -187,6 +232,27 @@ mod tests {
         let (model, _) = with_mtl(obj, "newmtl a\nKd 0.1").unwrap();
         assert_eq!(model.triangles.len(), 3);
         assert_eq!(model.material_of, [MaterialId(0); 3]);
+    }
+
+    #[test]
+    fn both_sides_of_a_sheet_are_cut_along_one_diagonal() {
+        let vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+        for back in ["4 3 2 1", "3 2 1 4", "2 1 4 3", "1 4 3 2"] {
+            let (model, _) = load_obj(&format!("{vertices}f 1 2 3 4\nf {back}\n")).unwrap();
+            let sorted = |t: &[u32; 3]| {
+                let mut t = *t;
+                t.sort_unstable();
+                t
+            };
+            let mut sets: Vec<[u32; 3]> = model.triangles.iter().map(sorted).collect();
+            sets.sort_unstable();
+            assert!(sets[0] == sets[1] && sets[2] == sets[3], "{back}: {:?}", model.triangles);
+            let normal = |k: usize| {
+                let [a, b, c] = corners(&model, k);
+                (b - a).cross(c - a).z
+            };
+            assert!((0..2).all(|k| normal(k) > 0.0) && (2..4).all(|k| normal(k) < 0.0));
+        }
     }
 
     #[test]

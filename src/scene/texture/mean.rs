@@ -112,7 +112,7 @@ impl Grid<'_> {
             return self.texel(0, 0);
         }
         let extent = (most - least).max_element();
-        if !((b - a).perp_dot(c - a).abs() > 1e-9 * extent * extent) {
+        if (b - a).perp_dot(c - a).abs() <= 1e-9 * extent * extent {
             return self.mean_of_points(triangle);
         }
         let (mut sum, mut area) = (DVec4::ZERO, 0.0);
