@@ -35,7 +35,7 @@
 //! | 1 | [`progress`] | the progress of a computation, and a way to stop it |
 //! | 1 | [`color`], [`sampling`], `memory` | linear RGB; seeded points and their maps; memory free and used |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
-//! | 3 | [`scene`] | OBJ and MTL, the TOML description, materials, camera, topology |
+//! | 3 | [`scene`] | OBJ, glTF, PLY, STL; the TOML description; materials, textures, camera, topology |
 //! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic; the eight-wide SIMD hierarchy |
 //! | 5 | `oracle` (feature `embree`) | Embree: device, scene under construction, committed scene |
 //! | 5 | [`verify`] | exact referee, derived bounds, verdicts, adversarial rays |
@@ -46,6 +46,7 @@
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
 //! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated |
 //! | 8 | [`render`], `export` | pictures, exposure; files that appear whole |
+//! | 8 | `lit_sides`, `framing` | sides that light reaches; a camera for scenes without one |
 //! | 9 | [`plan`] | from a scene and its settings to its solution |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
@@ -59,8 +60,8 @@
 //! - **Radiance in and out.** `Ke` is emitted radiance L (W·sr⁻¹·m⁻²), `Kd` is diffuse reflectance ρ,
 //!   exitance is E = πL, and pictures show L = B/π. A picture therefore compares without a factor with
 //!   that of any physically based renderer.
-//! - **Light on the front.** Triangles emit and reflect on the side from which they are
-//!   counter-clockwise. The back is black unless the material is two-sided.
+//! - **Both sides reflect, the front emits.** The front is where a triangle is counter-clockwise. A model
+//!   whose winding is turned round needs no help. Sides that no light reaches (`lit_sides`) have no patches.
 //! - **f32 geometry, f64 sums, no absolute epsilon.** A ray's origin is lifted off its surface by what
 //!   rounding can do to it ([`geometry::Triangle::ray_offset`]), so scaling the scene by a power of two
 //!   changes nothing. Sample points keep that distance from their patch's rim

@@ -7,7 +7,7 @@
 //! in no light that would be seen either.
 
 use crate::geometry::{Ray, RayCaster, TriangleId};
-use crate::light::{Facet, Light};
+use crate::light::{EmittingTriangles, Facet, Light, UniformSky};
 use crate::patches::{Side, Sides};
 use crate::sampling::{PointSet, Purpose, Stream, cosine_hemisphere};
 use crate::scene::Scene;
@@ -21,14 +21,14 @@ const WALKS: usize = 256;
 const BOUNCES: u32 = 8;
 
 /// The sides of each triangle that light can reach. What emits is always among them.
-pub(crate) fn lit_sides(
-    scene: &Scene,
-    caster: &dyn RayCaster,
-    lights: &[&dyn Light],
-    seed: u64,
-) -> Vec<Sides> {
+pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec<Sides> {
+    let (emitters, sky) = (EmittingTriangles::of(scene), UniformSky::new(scene.sky));
+    let mut lights: Vec<&dyn Light> = vec![&emitters];
+    if scene.sky != Vec3::ZERO {
+        lights.push(&sky);
+    }
     let mut sides = Sides::of_all(scene);
-    let search = Search { scene, caster, lights, seed, sides: &sides };
+    let search = Search { scene, caster, lights: &lights, seed, sides: &sides };
     let dark: Vec<Vec<usize>> =
         connected(scene, &sides).into_par_iter().filter(|part| !search.is_lit(part)).collect();
     for side in dark.into_iter().flatten() {

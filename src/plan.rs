@@ -1,10 +1,8 @@
 //! From a scene and its settings to its solution.
 
-use crate::color::Rgb;
 use crate::coverage;
 use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
-use crate::light::{EmittingTriangles, Light, UniformSky};
 use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Subdivision};
 use crate::progress::Progress;
@@ -64,13 +62,7 @@ impl<'d> Plan<'d> {
     /// # Errors
     /// More patches than can be numbered.
     pub fn patches(&self, caster: &dyn RayCaster) -> Result<PatchMesh> {
-        let emitters = EmittingTriangles::of(&self.scene);
-        let sky = UniformSky::new(self.scene.sky);
-        let mut lights: Vec<&dyn Light> = vec![&emitters];
-        if self.scene.sky != Rgb::ZERO {
-            lights.push(&sky);
-        }
-        let sides = lit_sides(&self.scene, caster, &lights, self.choices.seed);
+        let sides = lit_sides(&self.scene, caster, self.choices.seed);
         PatchMesh::new(&self.scene, &self.levels, &sides)
             .map_err(|error| error.in_file_if_none(&self.document.file))
     }

@@ -6,7 +6,8 @@ use crate::geometry::KernelKind;
 use crate::render::Frame;
 use crate::scene::Camera;
 use crate::scene::Document;
-use crate::scene::document::{is_radiance, is_view_name};
+use crate::scene::camera::is_view_name;
+use crate::scene::document::is_radiance;
 use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings, Settings};
 use crate::view::View;
 use clap::ValueEnum;
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 /// Solve a scene's radiosity and draw it.
 #[derive(clap::Args)]
 pub(super) struct RenderArguments {
-    /// A scene description (.toml), a model (.obj), or solved light (.light)
+    /// A scene description (.toml), a model (.obj, .glb, .gltf, .ply, .stl), or solved light (.light)
     pub scene: PathBuf,
 
     /// Picture to write: .png (sRGB), .exr or .hdr (linear radiance). With several shadings

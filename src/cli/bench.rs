@@ -21,7 +21,7 @@ use std::time::Instant;
 /// Time rays through the native tracer and through Embree, side by side.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// cornell, room, atrium, a scene description (.toml) or a model (.obj); the first three if none
+    /// cornell, room, atrium, a scene description (.toml) or a model (.obj, .glb, .gltf, .ply, .stl); the first three if none
     scenes: Vec<PathBuf>,
 
     /// Rays of each kind

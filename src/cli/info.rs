@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Count what is in a scene: triangles, materials, emitters, and what is wrong with the mesh.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// A scene description (.toml), a model (.obj), or solved light (.light)
+    /// A scene description (.toml), a model (.obj, .glb, .gltf, .ply, .stl), or solved light (.light)
     scene: PathBuf,
 }
 

@@ -15,7 +15,7 @@ use std::time::Instant;
 /// Solve a scene's light once and keep it; `isolux render ROOM.light` shows it from anywhere.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// A scene description (.toml) or a model (.obj)
+    /// A scene description (.toml) or a model (.obj, .glb, .gltf, .ply, .stl)
     scene: PathBuf,
 
     /// Light to write: a .light file, which holds the scene too

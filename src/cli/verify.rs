@@ -41,7 +41,7 @@ const FAILURES_PRINTED: usize = 4;
 /// every difference. Exit code 1 if our own tracer is ever wrong.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// A scene description (.toml) or a model (.obj)
+    /// A scene description (.toml) or a model (.obj, .glb, .gltf, .ply, .stl)
     scene: PathBuf,
 
     /// Rays; each is asked for its nearest hit and for any hit, of every tracer

@@ -108,6 +108,11 @@ impl Camera {
     }
 }
 
+/// A view's name is part of its picture's name, so that it may hold letters, digits, `-` and `_` alone.
+pub fn is_view_name(name: &str) -> bool {
+    !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '-' || c == '_')
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,5 +1,6 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
+use super::camera::is_view_name;
 use super::read::{is_model, refusal};
 use super::text::{decode, quote, read_bytes};
 use super::{Camera, Material, Scene};
@@ -172,11 +173,6 @@ impl CameraTable {
 /// Whether a colour can be a radiance.
 pub(crate) fn is_radiance(rgb: Rgb) -> bool {
     rgb.is_finite() && rgb.cmpge(Rgb::ZERO).all()
-}
-
-/// A view's name is part of its picture's name, so that it may hold letters, digits, `-` and `_` alone.
-pub fn is_view_name(name: &str) -> bool {
-    !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '-' || c == '_')
 }
 
 fn view((name, table): (String, CameraTable)) -> Result<(String, Camera)> {

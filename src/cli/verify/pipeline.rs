@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::export::file::Output;
 use crate::export::picture::Format;
 use crate::geometry::RayCaster;
+use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Subdivision};
 use crate::radiosity::Choices;
 use crate::render::{Frame, tone};
@@ -45,7 +46,7 @@ pub(super) fn run(
     let peer = most_different(peers);
     let judge = Judge::new(&scene.triangles, Arithmetic::MollerTrumbore, peer.arithmetic);
     let pair = Pair { native, peer: &*peer.caster, judge, peer_is_ours: peer.is_native };
-    let mesh = patches(scene, description)?;
+    let mesh = patches(scene, description, native, seed)?;
     let samples = description.image.samples.unwrap_or(MOST_SAMPLES).min(MOST_SAMPLES);
     // Two pictures at a time, and one for the differences.
     let frame = render::frame(None, Some(samples), seed, &description.image, 3)
@@ -71,14 +72,21 @@ fn most_different<'p, 'a>(peers: &'p [Peer<'a>]) -> &'p Peer<'a> {
 }
 
 /// The description's, unless they are too many.
-fn patches(scene: &Scene, document: &Document) -> Result<PatchMesh> {
+fn patches(
+    scene: &Scene,
+    document: &Document,
+    caster: &dyn RayCaster,
+    seed: u64,
+) -> Result<PatchMesh> {
+    let sides = lit_sides(scene, caster, seed);
     if document.patches != PatchSettings::default() {
-        let mesh = PatchMesh::subdivide(scene, Subdivision::of(&document.patches))?;
+        let levels = Subdivision::of(&document.patches).levels(scene)?;
+        let mesh = PatchMesh::new(scene, &levels, &sides)?;
         if mesh.len() <= MOST_PATCHES {
             return Ok(mesh);
         }
     }
-    PatchMesh::subdivide(scene, Subdivision::Count(MOST_PATCHES))
+    PatchMesh::new(scene, &Subdivision::Count(MOST_PATCHES).levels(scene)?, &sides)
 }
 
 impl Display for PipelineReport {

@@ -4,7 +4,7 @@ use super::accessor::Data;
 use super::json::{self, Node, Root};
 use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
-use crate::scene::document::is_view_name;
+use crate::scene::camera::is_view_name;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use std::collections::HashSet;
 
