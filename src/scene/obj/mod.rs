@@ -48,10 +48,13 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
         materials(&library, role, &mut warnings);
     library.files.extend(files);
     if used[default] {
-        let fallback = Material::fallback();
+        materials.push(Material::fallback());
+    }
+    if !obj.colors.is_empty() {
         // Colours without a material are all that the file says of its surfaces.
-        let alone = if obj.colors.is_empty() { fallback.reflectance } else { Rgb::ONE };
-        materials.push(Material { reflectance: alone, ..fallback });
+        let defined = |i: usize| library.entries.get(i).is_some_and(|entry| entry.file.is_some());
+        let undefined = materials.iter_mut().enumerate().filter(|(i, _)| !defined(*i));
+        undefined.for_each(|(_, material)| material.reflectance = Rgb::ONE);
     }
     let model = cut(obj);
     let material_of = model.mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
@@ -88,6 +91,9 @@ fn cut(obj: ObjFile) -> Model {
     for (number, face) in (1..).zip(&obj.faces) {
         let (corners, others) = rest.split_at(face.arity);
         rest = others;
+        if face.arity < 3 {
+            continue;
+        }
         // A copy of a polygon is cut as the first one was, so that their triangles coincide too.
         let ring = copies.first_like(corners);
         polygon.clear();

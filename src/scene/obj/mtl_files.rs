@@ -38,11 +38,16 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
             }
         }
     }
+    let (mut names, mut line) = (Vec::new(), None);
     for material in &obj.materials {
         if library.find(&material.name).is_none() {
             library.add_undefined(&material.name);
-            obj.warnings.push(undefined(path, material));
+            names.push(quote(&material.name));
+            line.get_or_insert(material.line);
         }
+    }
+    if !names.is_empty() {
+        obj.warnings.push(Warning::in_file(path, line, undefined(&names)));
     }
     library
 }
@@ -75,9 +80,16 @@ fn unreadable(obj: &Path, asked: &Named, file: &Path, error: &str) -> Warning {
     Warning::in_file(obj, Some(asked.line), text)
 }
 
-fn undefined(obj: &Path, material: &Named) -> Warning {
-    let name = quote(&material.name);
-    let text =
-        format!("no MTL file defines the material {name}: its faces get {}", default_stated());
-    Warning::in_file(obj, Some(material.line), text)
+fn undefined(names: &[String]) -> String {
+    const LISTED: usize = 8;
+    let default = default_stated();
+    if let [name] = names {
+        return format!("no MTL file defines the material {name}: its faces get {default}");
+    }
+    let more = if names.len() > LISTED { ", …" } else { "" };
+    let listed = names[..names.len().min(LISTED)].join(", ");
+    format!(
+        "no MTL file defines {} of the materials: {listed}{more}; their faces get {default}",
+        names.len()
+    )
 }

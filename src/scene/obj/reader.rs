@@ -21,7 +21,7 @@ pub(super) struct ObjFile {
     pub normals: Vec<Vec3>,
     /// Linear, one per position; empty if all are white.
     pub colors: Vec<Rgb>,
-    /// Never empty.
+    /// One per `f` line, at least one of them with three corners.
     pub faces: Vec<Face>,
     /// The corners of all faces, one face after the other.
     pub corners: Vec<Corner>,
@@ -35,7 +35,7 @@ pub(super) struct ObjFile {
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Face {
-    /// How many corners it has, at least 3.
+    /// How many corners it has.
     pub arity: usize,
     /// Index into [`ObjFile::materials`].
     pub material: Option<usize>,
@@ -133,8 +133,7 @@ impl Reader {
         }
         let arity = self.file.corners.len() - before;
         if arity < 3 {
-            return Err(Error::new(format!("a face needs 3 vertices, this one has {arity}"))
-                .remedy("complete the face or delete the line"));
+            self.ignored.short_face(line);
         }
         self.file.faces.push(Face { arity, material, part });
         Ok(())
@@ -265,7 +264,7 @@ impl Reader {
         if let Some(error) = Error::all(errors.map(|error| error.in_file(path)).collect()) {
             return Err(error);
         }
-        if self.file.faces.is_empty() {
+        if self.file.faces.iter().all(|face| face.arity < 3) {
             return Err(Error::new("the file contains no faces, so there is nothing to render")
                 .in_file(path)
                 .remedy("export the model as triangles or polygons (`f` lines)"));
@@ -421,9 +420,14 @@ mod tests {
     }
 
     #[test]
-    fn a_face_with_two_vertices_names_its_line() {
-        assert_eq!(error_of("f 1 2"), "a.obj:4: a face needs 3 vertices, this one has 2");
-        assert_eq!(error_of("f"), "a.obj:4: a face needs 3 vertices, this one has 0");
+    fn a_face_with_two_vertices_is_left_out_and_keeps_its_number() {
+        let file = read(&format!("{TRIANGLE}f 1 2\nf\nf 1 2 3\n")).unwrap();
+        assert_eq!(file.faces.iter().map(|face| face.arity).collect::<Vec<_>>(), [2, 0, 3]);
+        assert_eq!(
+            file.warnings[1].to_string(),
+            "a.obj:4: a face with fewer than 3 vertices has no area and is ignored (2 in all)"
+        );
+        assert!(read(&format!("{TRIANGLE}f 1 2\n")).unwrap_err().cause().contains("no faces"));
     }
 
     #[test]
@@ -508,7 +512,7 @@ mod tests {
 
     #[test]
     fn all_malformed_lines_are_told_at_once_in_order() {
-        let text = "f 1 2\nv 1 x 3\nf 1 2 9\nf 1 2 4\nf 1 0 2\n";
+        let text = "f 1 2 y\nv 1 x 3\nf 1 2 9\nf 1 2 4\nf 1 0 2\n";
         let error = read(&format!("{TRIANGLE}{text}")).unwrap_err().to_string();
         let lines: Vec<&str> = error.lines().collect();
         assert_eq!(lines.len(), 5, "{error}");
