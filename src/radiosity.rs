@@ -359,7 +359,7 @@ fn balance(
     let mut energy = Energy { emitted, from_sky, absorbed, on_backs: None, escaped };
     for i in 0..mesh.len() {
         let patch = PatchId(i as u32);
-        let area = mesh.area(patch) * square_metres;
+        let area = mesh.opaque_area(patch) * square_metres;
         // Shooting never needs the row of an emitter whose light was sampled apart.
         if direct.has_emitters() && row_sums[i].is_none() && exitance[i] != Rgb64::ZERO {
             let row = missing_row(patch);

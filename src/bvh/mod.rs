@@ -35,6 +35,7 @@ mod node;
 mod packet;
 mod packet_walk;
 mod ray_lanes;
+mod see_through;
 pub(crate) mod simd;
 mod stream;
 #[cfg(test)]
@@ -55,6 +56,7 @@ use std::sync::Arc;
 
 pub use build::Effort;
 pub use kernel8::LeafKernel;
+pub use see_through::SeeThrough;
 pub use tracer::Tracer;
 
 /// Children of a node, triangles of a leaf, rays of a packet.

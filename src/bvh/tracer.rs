@@ -1,6 +1,6 @@
 //! The native ray tracer, its kernel chosen at run time.
 
-use super::{Bvh, Effort};
+use super::{Bvh, Effort, SeeThrough};
 use crate::geometry::{Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster};
 use crate::scene::Scene;
 
@@ -22,12 +22,17 @@ impl Tracer {
     /// As [`Bvh::build`].
     pub fn build_with(scene: &Scene, effort: Effort, kernel: KernelKind) -> Tracer {
         let triangles = scene.triangles.clone();
-        Tracer(match kernel {
-            KernelKind::Plane => Box::new(Bvh::<Plane>::build_with(triangles, effort)),
+        match kernel {
+            KernelKind::Plane => Tracer::of(Bvh::<Plane>::build_with(triangles, effort), scene),
             KernelKind::MollerTrumbore => {
-                Box::new(Bvh::<MollerTrumbore>::build_with(triangles, effort))
+                Tracer::of(Bvh::<MollerTrumbore>::build_with(triangles, effort), scene)
             }
-        })
+        }
+    }
+
+    fn of(bvh: impl RayCaster + 'static, scene: &Scene) -> Tracer {
+        let see_through = scene.is_see_through();
+        Tracer(if see_through { Box::new(SeeThrough::new(bvh, scene)) } else { Box::new(bvh) })
     }
 }
 

@@ -191,7 +191,8 @@ impl Estimator<'_> {
             )
             .collect();
         self.progress.end();
-        let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
+        let areas =
+            (0..self.mesh.len()).map(|i| self.mesh.opaque_area(PatchId(i as u32))).collect();
         ExchangeMatrix::new(areas, tiles)
     }
 
@@ -240,10 +241,11 @@ impl Estimator<'_> {
         (b, j): (&Facet, PatchId),
         mut add: impl FnMut(usize, f32),
     ) {
+        let opacity = (self.mesh.opacity(i) * self.mesh.opacity(j)) as f32;
         for k in 0..self.samples {
             if let Some(sample) = sample(a, b, &points.get(i, j, k)) {
                 work.segments.push(sample.segment);
-                work.exchanges.push((slot, sample.exchange));
+                work.exchanges.push((slot, sample.exchange * opacity));
             }
             if work.segments.len() >= BATCH {
                 self.resolve(work, &mut add);
@@ -358,7 +360,7 @@ impl PairPoints {
 impl Rows for OnDemand<'_, Pairs> {
     fn row(&self, i: PatchId) -> Row {
         let of = self.of;
-        let area = of.mesh.area(i);
+        let area = of.mesh.opaque_area(i);
         let blocks = of.mesh.len().div_ceil(TILE);
         let entries: Vec<Vec<(PatchId, f64)>> = (0..blocks)
             .into_par_iter()

@@ -96,10 +96,12 @@ fn emitters_of(mesh: &PatchMesh, side: &Side) -> Vec<Emitter> {
     };
     if mesh.is_patterned_light(side) {
         let patches = side.patches();
-        patches.filter_map(|p| emitter(Facet::patch(mesh, p), mesh.exitance(p))).collect()
+        let exitance = |p| mesh.exitance(p) * mesh.opacity(p) as f32;
+        patches.filter_map(|p| emitter(Facet::patch(mesh, p), exitance(p))).collect()
     } else {
         let facet = Facet::new(side.shape(&mesh.scene), side);
-        emitter(facet, mesh.exitance(side.first)).into_iter().collect()
+        let exitance = mesh.exitance(side.first) * mesh.opacity(side.first) as f32;
+        emitter(facet, exitance).into_iter().collect()
     }
 }
 

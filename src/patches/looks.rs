@@ -7,6 +7,7 @@
 use super::{Cell, PatchId, PatchMesh, Side};
 use crate::color::Rgb;
 use crate::geometry::{Hit, TriangleId};
+use crate::sampling::regular_triangle;
 use crate::scene::texture::{Map, Texture};
 use crate::scene::{Material, Scene};
 use glam::{DVec2, Vec2};
@@ -24,6 +25,7 @@ pub(crate) struct Look {
 pub(super) struct Looks {
     reflectance: Vec<Rgb>,
     radiance: Vec<Rgb>,
+    opacity: Vec<f32>,
 }
 
 impl Looks {
@@ -35,14 +37,21 @@ impl Looks {
             let patches = if wanted { mesh.len() as u32 } else { 0 };
             (0..patches).into_par_iter().map(|i| mean(&Place::of(mesh, PatchId(i)))).collect()
         };
+        let see_through = if scene.is_see_through() { mesh.len() as u32 } else { 0 };
+        let opacity = |i| Place::of(mesh, PatchId(i)).mean_opacity();
         Looks {
             reflectance: all(reflects, |place| place.mean_reflectance()),
             radiance: all(emits, |place| place.mean_radiance()),
+            opacity: (0..see_through).into_par_iter().map(opacity).collect(),
         }
     }
 
     pub(super) fn reflectance(&self, patch: PatchId) -> Option<Rgb> {
         self.reflectance.get(patch.index()).copied()
+    }
+
+    pub(super) fn opacity(&self, patch: PatchId) -> f32 {
+        self.opacity.get(patch.index()).copied().unwrap_or(1.0)
     }
 
     pub(super) fn radiance(&self, patch: PatchId) -> Option<Rgb> {
@@ -62,7 +71,8 @@ impl PatchMesh {
 
     /// Whether the radiance varies over a side.
     pub(crate) fn is_patterned_light(&self, side: &Side) -> bool {
-        self.scene.materials[side.material.0 as usize].radiance_map.is_some()
+        let material = &self.scene.materials[side.material.0 as usize];
+        material.radiance_map.is_some() || material.opacity_map.is_some()
     }
 
     /// The look of a side at a hit, through a footprint of this diameter in the scene's units.
@@ -143,6 +153,21 @@ impl<'m> Place<'m> {
         self.material.reflectance
             * self.mean(&self.material.reflectance_map)
             * color_at(self.scene, self.triangle, center.x, center.y)
+    }
+
+    /// The mean over 64 points, and above zero, so that no patch loses its area.
+    fn mean_opacity(&self) -> f32 {
+        if !self.material.is_see_through() {
+            return 1.0;
+        }
+        let [a, b, c] = self.corners;
+        let points = regular_triangle(64);
+        let opacity = |l: &[f32; 3]| {
+            let p = a * l[0] as f64 + b * l[1] as f64 + c * l[2] as f64;
+            self.scene.opacity_at(self.triangle, p.x as f32, p.y as f32)
+        };
+        let mean = points.iter().map(opacity).sum::<f32>() / points.len() as f32;
+        mean.max(1e-6)
     }
 
     fn mean_radiance(&self) -> Rgb {

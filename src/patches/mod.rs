@@ -292,6 +292,18 @@ impl PatchMesh {
         self.side(patch).patch_area
     }
 
+    /// The part of the patch's area that stops light, in square units: where it is not opaque, light goes
+    /// straight on as if there were nothing.
+    #[inline]
+    pub fn opaque_area(&self, patch: PatchId) -> f64 {
+        self.area(patch) * self.opacity(patch)
+    }
+
+    /// The share of light that the patch stops, in [0, 1].
+    pub fn opacity(&self, patch: PatchId) -> f64 {
+        self.looks.opacity(patch) as f64
+    }
+
     /// Mean diffuse reflectance ρ of the patch.
     pub fn reflectance(&self, patch: PatchId) -> Rgb {
         let mean = self.looks.reflectance(patch);

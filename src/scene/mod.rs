@@ -14,6 +14,7 @@ mod model;
 #[cfg(test)]
 mod mutation;
 pub(crate) mod obj;
+mod opacity;
 mod ply;
 mod read;
 mod sniff;

@@ -65,7 +65,7 @@ impl Problem {
     pub fn new(mesh: &PatchMesh, source: Vec<Rgb64>) -> Self {
         let patches = || (0..mesh.len() as u32).map(crate::patches::PatchId);
         Problem {
-            areas: patches().map(|p| mesh.area(p)).collect(),
+            areas: patches().map(|p| mesh.opaque_area(p)).collect(),
             reflectance: patches().map(|p| mesh.reflectance(p).as_dvec3()).collect(),
             source,
         }

@@ -2,13 +2,15 @@
 //! their patches lose their area.
 
 use crate::scenes::{Piece, cube, grey, inside_out, scene, square};
-use glam::{DVec3, Vec3};
+use glam::{Affine2, DVec3, Vec2, Vec3};
 use isolux::color::Rgb;
-use isolux::geometry::Triangle;
+use isolux::geometry::{Ray, Triangle};
 use isolux::patches::Sides;
-use isolux::scene::Scene;
+use isolux::scene::mesh::{Mesh, PerCorner};
+use isolux::scene::texture::{Map, Texture, TextureId, Wrap};
+use isolux::scene::{Material, Scene};
 use isolux::settings::{Method, PatchSettings, Settings, Solver};
-use isolux::{Document, Frame, Plan, Solution, Tracer, View};
+use isolux::{Document, Frame, Plan, RayCaster, Solution, Tracer, View};
 use std::f64::consts::PI;
 
 fn solved(scene: &Scene, settings: &Settings) -> Solution {
@@ -67,6 +69,51 @@ fn half_of_the_sky_is_seen_beside_a_wall_that_hides_the_other_half() {
     let mean = light.irradiance()[..8].iter().map(|h| h.x / PI).sum::<f64>() / 8.0;
     // Shares of 2048 stratified directions: far within five deviations of independent ones.
     assert!((mean - 0.5).abs() < 5.0 * 0.5 / 2048f64.sqrt(), "{mean}");
+}
+
+/// A pane, 80 wide, over a floor, 0.1 wide, at a height of 0.05; both black.
+fn under_a_pane(pane: Material) -> Scene {
+    let floor = Piece::new(square(Vec3::ZERO, Vec3::Z * 0.1, Vec3::X * 0.1)).reflecting(Vec3::ZERO);
+    let above = square(Vec3::new(-40.0, 0.05, -40.0), Vec3::Z * 80.0, Vec3::X * 80.0);
+    let pane = Piece { triangles: above, material: Material { two_sided: true, ..pane } };
+    Scene { sky: Rgb::ONE, ..scene([floor, pane]) }
+}
+
+#[test]
+fn a_pane_lets_the_share_of_light_through_that_it_does_not_stop() {
+    let pane = Material { opacity: 0.25, reflectance: Vec3::ZERO, ..Material::fallback() };
+    let light = solved(&under_a_pane(pane), &with_levels(2));
+    let mean = light.irradiance()[..32].iter().map(|h| h.x / PI).sum::<f64>() / 32.0;
+    // 8192 independent draws that pass with probability 3/4.
+    assert!((mean - 0.75).abs() < 5.0 * (0.75f64 * 0.25 / 8192.0).sqrt(), "{mean}");
+}
+
+#[test]
+fn a_cut_out_lets_light_through_exactly_where_it_is_transparent() {
+    // The left half of the picture is clear, the right half solid; the pane shows it once.
+    let texels = [[255, 255, 255, 0], [255, 255, 255, 255]];
+    let texture = Texture::new("half".into(), [2, 1], texels.into(), [Wrap::Clamp; 2]);
+    let map = Map { texture: TextureId(0), transform: Affine2::IDENTITY };
+    let pane =
+        Material { opacity_map: Some(map), opacity_cutoff: Some(0.5), ..Material::fallback() };
+    let scene = under_a_pane(pane);
+    let uv = vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    // The floor's corners have no coordinates; of the pane's, u runs along z.
+    let numbers = vec![[0; 3], [0; 3], [1, 2, 3], [1, 3, 4]];
+    let mesh = Mesh { texture: PerCorner::new(uv, numbers), ..Mesh::default() };
+    let scene = Scene { mesh: mesh.into(), textures: [texture].into(), ..scene };
+    let tracer = Tracer::build(&scene);
+    let up = |z: f32| tracer.nearest(&Ray::new(Vec3::new(3.0, -1.0, z), Vec3::Y));
+    for z in [-39.0, -20.0, -1.0] {
+        assert_eq!(up(z), None, "z = {z}");
+        assert!(up(-z).is_some() && tracer.occluded(&Ray::new(Vec3::new(3.0, -1.0, -z), Vec3::Y)));
+    }
+    let light = solved(&scene, &with_levels(2));
+    let energy = light.figures.energy;
+    let (arrives, leaves) = (energy.from_sky, energy.absorbed + energy.escaped);
+    let on_backs = energy.on_backs.expect("hemispheres know it");
+    let error = ((leaves + on_backs) / arrives - 1.0).abs().max_element();
+    assert!(error < 1e-2, "{energy:?}");
 }
 
 #[test]

@@ -1,0 +1,39 @@
+//! Where surfaces let light through.
+
+use super::{Map, Material, Scene};
+use crate::geometry::TriangleId;
+use glam::Vec2;
+
+impl Material {
+    /// Whether light may go straight through somewhere.
+    pub(crate) fn is_see_through(&self) -> bool {
+        self.opacity < 1.0 || self.opacity_map.is_some()
+    }
+}
+
+impl Scene {
+    /// Whether light may go straight through any triangle.
+    pub(crate) fn is_see_through(&self) -> bool {
+        self.material_of.iter().any(|m| self.materials[m.0 as usize].is_see_through())
+    }
+
+    /// The share of light that does not go straight through a triangle at barycentrics (u, v), in [0, 1].
+    pub fn opacity_at(&self, triangle: TriangleId, u: f32, v: f32) -> f32 {
+        let material = self.material(triangle);
+        let opacity = match &material.opacity_map {
+            Some(map) => material.opacity * self.texture_opacity(map, triangle, u, v),
+            None => material.opacity,
+        };
+        match material.opacity_cutoff {
+            Some(cutoff) => (opacity >= cutoff) as u32 as f32,
+            None => opacity.clamp(0.0, 1.0),
+        }
+    }
+
+    fn texture_opacity(&self, map: &Map, triangle: TriangleId, u: f32, v: f32) -> f32 {
+        let uv = |corner| self.mesh.texture.as_ref().and_then(|t| t.at(triangle, corner));
+        let (Some(a), Some(b), Some(c)) = (uv(0), uv(1), uv(2)) else { return 1.0 };
+        let at: Vec2 = a + (b - a) * u + (c - a) * v;
+        self.textures[map.texture.0 as usize].opacity(map.at(at))
+    }
+}
