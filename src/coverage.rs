@@ -6,7 +6,7 @@
 //! even almost along the surface, it meets a black back: the inside of the block, or the top of a
 //! lamp that touches the ceiling. Under a canopy light comes in from the side, and nothing is covered.
 
-use crate::geometry::{Ray, RayCaster};
+use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
 use crate::sampling::{orthonormal_basis, regular_triangle};
@@ -18,6 +18,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Points tested on each patch: the centroids of a 4-fold subdivision.
 const POINTS: u32 = 4;
 
+/// Below this part of the scene's area a patch is tested at its centroid alone: no picture shows more.
+const SMALL: f64 = 1e-5;
+
+/// Patches whose first rays are traced together.
+const BATCH: usize = 64;
+
 /// The uncovered share of each patch's area, in [0, 1], and the number of rays that it took.
 pub(crate) fn uncovered(
     caster: &dyn RayCaster,
@@ -26,51 +32,101 @@ pub(crate) fn uncovered(
 ) -> (Vec<f64>, u64) {
     progress.begin(Stage::Coverage, Some(mesh.len() as u64));
     let rays = AtomicU64::new(0);
-    let shares = (0..mesh.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|i| {
-            if i % 64 == 0 {
-                progress.advance(64);
-            }
+    let search = Search::new(caster, mesh);
+    let mut shares = vec![1.0; mesh.len()];
+    // Where no side is black, nothing is covered.
+    if search.has_black_sides {
+        let batches = shares.par_chunks_mut(BATCH).enumerate();
+        batches.for_each_init(Work::default, |work, (batch, shares)| {
+            progress.advance(shares.len() as u64);
             // The caller throws away what is left undone.
-            if progress.is_stopped() {
-                return 1.0;
+            if !progress.is_stopped() {
+                let first = PatchId((batch * BATCH) as u32);
+                rays.fetch_add(search.shares(work, first, shares), Ordering::Relaxed);
             }
-            let (share, traced) = uncovered_share(caster, mesh, PatchId(i as u32));
-            rays.fetch_add(traced, Ordering::Relaxed);
-            share
-        })
-        .collect();
+        });
+    }
     progress.end();
     (shares, rays.into_inner())
 }
 
-/// The uncovered share of one patch's area, in [0, 1], and the number of rays that it took.
-pub(crate) fn uncovered_share(
-    caster: &dyn RayCaster,
-    mesh: &PatchMesh,
-    patch: PatchId,
-) -> (f64, u64) {
-    let side = mesh.side(patch);
-    let [p0, p1, p2] = mesh.triangle(patch).p;
-    let directions = probes(side.normal);
-    let points = regular_triangle(POINTS);
-    let mut traced = 0;
-    let open = points.iter().filter(|[l0, l1, l2]| {
-        let origin = side.lifted(p0 * *l0 + p1 * *l1 + p2 * *l2);
-        directions.iter().any(|&direction| {
-            traced += 1;
-            let ray = Ray::new(origin, direction);
-            // A miss is open sky, and a lit side is something to see.
-            caster.nearest(&ray).is_none_or(|hit| mesh.side_hit(&ray, &hit).is_some())
-        })
-    });
-    (open.count() as f64 / points.len() as f64, traced)
+/// The uncovered share of one patch's area, in [0, 1].
+pub(crate) fn uncovered_share(caster: &dyn RayCaster, mesh: &PatchMesh, patch: PatchId) -> f64 {
+    let (search, mut share) = (Search::new(caster, mesh), [1.0]);
+    if search.has_black_sides {
+        search.shares(&mut Work::default(), patch, &mut share);
+    }
+    share[0]
 }
 
-/// The normal, then rings of directions that come down to 2° above the surface. Most points need
-/// the first alone; only covered ones need all.
+struct Search<'a> {
+    caster: &'a dyn RayCaster,
+    mesh: &'a PatchMesh,
+    small: f64,
+    has_black_sides: bool,
+}
+
+/// One thread's buffers.
+#[derive(Default)]
+struct Work {
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+}
+
+impl<'a> Search<'a> {
+    fn new(caster: &'a dyn RayCaster, mesh: &'a PatchMesh) -> Self {
+        let has_black_sides = mesh.sides().len() < 2 * mesh.scene.triangles.len();
+        Search { caster, mesh, small: SMALL * mesh.scene.area(), has_black_sides }
+    }
+
+    /// Sets the shares of the patches from `first` on. Returns the number of rays that it took.
+    fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f64]) -> u64 {
+        let patches = || (first.0..).take(shares.len()).map(PatchId);
+        work.rays.clear();
+        for patch in patches() {
+            let side = self.mesh.side(patch);
+            let [p0, p1, p2] = self.mesh.triangle(patch).p;
+            let points = regular_triangle(self.point_count(patch));
+            let origins =
+                points.iter().map(|[l0, l1, l2]| side.lifted(p0 * *l0 + p1 * *l1 + p2 * *l2));
+            work.rays.extend(origins.map(|origin| Ray::new(origin, side.normal)));
+        }
+        self.caster.nearest_batch(&work.rays, &mut work.hits);
+        let mut traced = work.rays.len() as u64;
+        let mut next = 0;
+        for (patch, share) in patches().collect::<Vec<_>>().into_iter().zip(shares) {
+            let count = self.point_count(patch) as usize;
+            let open = (next..next + count).filter(|&k| {
+                let ray = &work.rays[k];
+                self.shows(ray, work.hits[k]) || self.is_open(ray, &mut traced)
+            });
+            *share = open.count() as f64 / count as f64;
+            next += count;
+        }
+        traced
+    }
+
+    fn point_count(&self, patch: PatchId) -> u32 {
+        if self.mesh.area(patch) < self.small { 1 } else { POINTS }
+    }
+
+    /// Whether any but the first of the directions shows something.
+    fn is_open(&self, along_normal: &Ray, traced: &mut u64) -> bool {
+        probes(along_normal.direction).into_iter().any(|direction| {
+            *traced += 1;
+            let ray = Ray::new(along_normal.origin, direction);
+            self.shows(&ray, self.caster.nearest(&ray))
+        })
+    }
+
+    /// A miss is open sky, and a lit side is something to see.
+    fn shows(&self, ray: &Ray, hit: Option<Hit>) -> bool {
+        hit.is_none_or(|hit| self.mesh.side_hit(ray, &hit).is_some())
+    }
+}
+
+/// Rings of directions that come down to 2° above the surface. Most points need the normal alone; only
+/// covered ones need all.
 fn probes(normal: Vec3) -> Vec<Vec3> {
     const RING: u32 = 16;
     const ELEVATIONS: [f32; 4] = [30.0, 60.0, 10.0, 2.0];
@@ -82,7 +138,7 @@ fn probes(normal: Vec3) -> Vec<Vec3> {
             normal * sin + (x * c + y * s) * cos
         })
     });
-    std::iter::once(normal).chain(rings).collect()
+    rings.collect()
 }
 
 #[cfg(test)]

@@ -176,7 +176,7 @@ impl Pipeline<'_> {
     }
 
     fn coverage(&self, pair: &Pair) -> Compared {
-        let share = |caster: &dyn RayCaster, i| uncovered_share(caster, self.mesh, i).0;
+        let share = |caster: &dyn RayCaster, i| uncovered_share(caster, self.mesh, i);
         self.per_patch(pair, share, |a, b| (1, (a != b) as u64))
     }
 

@@ -1,7 +1,8 @@
 //! The TOML description of a scene: its models, its camera, and defaults for the picture.
 
 use super::camera::is_view_name;
-use super::read::{is_model, refusal};
+use super::formats::is_model;
+use super::read::refusal;
 use super::text::{decode, quote, read_bytes};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;

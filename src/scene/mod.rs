@@ -5,6 +5,7 @@ mod budget;
 pub mod camera;
 mod coincident;
 pub mod document;
+mod formats;
 mod gltf;
 pub(crate) mod groups;
 pub(crate) mod inspect;

@@ -1,31 +1,23 @@
 //! Reads a model of any format that isolux knows.
 
+use super::formats::{EXPORT, ending, endings};
 use super::model::Model;
-use super::text::read_bytes;
 use super::{gltf, obj, ply, sniff, stl};
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// The formats, by the endings of their files' names.
-pub(crate) const FORMATS: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
-
-/// Endings of formats that other programs turn into one of [`FORMATS`].
+/// Endings of formats that other programs turn into one of [`FORMATS`](super::formats::FORMATS).
 const FOREIGN: [&str; 14] = [
     "3dm", "3ds", "abc", "blend", "c4d", "dae", "fbx", "ifc", "max", "skp", "step", "usd", "usdz",
     "x3d",
 ];
-
-/// Whether a file's name ends like that of a model.
-pub(crate) fn is_model(path: &Path) -> bool {
-    ending(path).is_some_and(|ending| FORMATS.contains(&ending.as_str()))
-}
 
 /// Reads the model at `path`, with the files that it names.
 ///
 /// A scene description overrides the reflectance of the materials whose name `overrides`.
 ///
 /// # Errors
-/// See the readers; or a file whose name ends like none of [`FORMATS`], or whose content is of another
+/// See the readers; or a file whose name ends like none of [`FORMATS`](super::formats::FORMATS), or whose content is of another
 /// format than its name says.
 pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
     let ending = ending(path).unwrap_or_default();
@@ -55,26 +47,6 @@ pub(crate) fn refusal(path: &Path) -> Error {
             .in_file(path)
             .remedy(format!("name a .toml description or a model: {}", endings())),
     }
-}
-
-/// The remedy for a model of a format that is not read.
-pub(super) const EXPORT: &str =
-    "open it in the program it comes from, or in Blender, and export it as glTF (.glb)";
-
-/// The endings that are read, for messages.
-pub(super) fn endings() -> String {
-    FORMATS.map(|ending| format!(".{ending}")).join(", ")
-}
-
-/// The bytes of the model at `path`.
-pub(super) fn model_bytes(path: &Path) -> Result<Vec<u8>> {
-    read_bytes(path).map_err(|error| {
-        Error::io(path, "read the model", &error).remedy("check the path and its permissions")
-    })
-}
-
-fn ending(path: &Path) -> Option<String> {
-    path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase)
 }
 
 #[cfg(test)]

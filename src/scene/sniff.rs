@@ -1,6 +1,6 @@
 //! What a file's first bytes say that it is, whatever its name says.
 
-use super::read::{EXPORT, endings};
+use super::formats::{EXPORT, endings};
 use crate::error::Error;
 use std::fs::File;
 use std::io::Read;

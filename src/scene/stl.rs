@@ -6,10 +6,10 @@
 //! The reader is our own because crates for it refuse what programs write: several solids, capital
 //! letters, normals that are not a number.
 
+use super::formats::model_bytes;
 use super::material::{Material, MaterialId};
 use super::mesh::{Origin, Part};
 use super::model::{Model, checked_position};
-use super::read::model_bytes;
 use super::text::{decode, number, numbered_lines, quote};
 use crate::error::{Error, Result};
 use glam::{DVec3, Vec3};

@@ -7,12 +7,15 @@ use glam::{DVec3, Vec3};
 
 /// Much more horizontal area than the other way speaks for z.
 const CLEARLY: f64 = 1.3;
+/// Less of the whole area than this says nothing: animals and people have no floors.
+const SHARE: f64 = 0.3;
 
 /// y, unless more area lies flat, and more of it at the bottom, if z is up. Floors, roofs, table tops and
 /// feet lie flat; walls do not.
 pub(super) fn guess(triangles: &[Triangle]) -> Vec3 {
     let flat = flat_area(triangles);
-    if flat.z > CLEARLY * flat.y { Vec3::Z } else { Vec3::Y }
+    let all: f64 = triangles.iter().map(Triangle::area).sum();
+    if flat.z > CLEARLY * flat.y && flat.z > SHARE * all { Vec3::Z } else { Vec3::Y }
 }
 
 pub(super) fn said(up: Vec3) -> Warning {

@@ -14,9 +14,9 @@ mod nodes;
 mod pose;
 
 use super::beside::Files;
+use super::formats::model_bytes;
 use super::material::{Material, MaterialId};
 use super::model::Model;
-use super::read::model_bytes;
 use crate::error::{Error, Result, Warning};
 use accessor::Data;
 use container::{COMPRESSIONS, compressed, read_root};

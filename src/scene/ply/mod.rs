@@ -9,10 +9,10 @@ mod payload;
 mod pictures;
 
 use super::beside::Files;
+use super::formats::model_bytes;
 use super::material::Material;
 use super::mesh::{Mesh, Origin, Part, PerCorner};
 use super::model::{Model, checked_position};
-use super::read::model_bytes;
 use super::triangulate::Triangulator;
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
