@@ -48,7 +48,7 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
         [corner, straight].into_iter().find(from_outside).or(Some(inside).filter(from_inside))
     });
     let (_, camera) = found.unwrap_or_else(|| best(&corners, |seen| seen.hits));
-    camera.from_frame_of(scene.origin)
+    camera.in_file_frame(scene.origin)
 }
 
 /// Directions of a scene that stands upright.

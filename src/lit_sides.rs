@@ -32,8 +32,9 @@ pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec
     let dark: Vec<Vec<usize>> =
         connected(scene, &sides).into_par_iter().filter(|part| !search.is_lit(part)).collect();
     for side in dark.into_iter().flatten() {
-        let sides = &mut sides[side / 2];
-        *if side % 2 == 0 { &mut sides.front } else { &mut sides.back } = false;
+        let (triangle, is_back) = side_of(side);
+        let sides = &mut sides[triangle.index()];
+        *if is_back { &mut sides.back } else { &mut sides.front } = false;
     }
     sides
 }
@@ -56,13 +57,19 @@ fn connected(scene: &Scene, sides: &[Sides]) -> Vec<Vec<usize>> {
         }
     }
     let exists = |side: &usize| {
-        let sides = sides[side / 2];
-        if side % 2 == 0 { sides.front } else { sides.back }
+        let (triangle, is_back) = side_of(*side);
+        let sides = sides[triangle.index()];
+        if is_back { sides.back } else { sides.front }
     };
     let mut by_root: Vec<(usize, usize)> =
         (0..2 * sides.len()).filter(exists).map(|side| (groups.root(side), side)).collect();
     by_root.sort_unstable();
     by_root.chunk_by(|a, b| a.0 == b.0).map(|part| part.iter().map(|(_, s)| *s).collect()).collect()
+}
+
+/// The triangle of the side with this number, and whether it is the back.
+fn side_of(number: usize) -> (TriangleId, bool) {
+    (TriangleId(number as u32 / 2), number & 1 == 1)
 }
 
 struct Search<'a> {
@@ -76,7 +83,8 @@ struct Search<'a> {
 impl Search<'_> {
     fn is_lit(&self, part: &[usize]) -> bool {
         let emits = |&side: &usize| {
-            self.scene.radiance_on(TriangleId(side as u32 / 2), side % 2 == 1) != Vec3::ZERO
+            let (triangle, is_back) = side_of(side);
+            self.scene.radiance_on(triangle, is_back) != Vec3::ZERO
         };
         let walks = WALKS + part.len() / 16;
         part.iter().any(emits)
@@ -93,7 +101,8 @@ impl Search<'_> {
 
     /// Whether a walk from this side comes to a point that sees a light.
     fn finds_light(&self, side: usize, stream: Stream) -> bool {
-        let side = Side::new(self.scene, TriangleId(side as u32 / 2), side % 2 == 1);
+        let (triangle, is_back) = side_of(side);
+        let side = Side::new(self.scene, triangle, is_back);
         let [x0, x1, ..] = stream.point(0);
         let (mut point, mut normal) = Facet::new(side.shape(self.scene), &side).point([x0, x1]);
         for bounce in 1..=BOUNCES {

@@ -216,12 +216,12 @@ impl DirectLight {
         self.from_emitters.is_some()
     }
 
-    fn from_sky(&self, i: usize) -> Rgb64 {
+    fn of_sky(&self, i: usize) -> Rgb64 {
         self.from_sky.as_ref().map_or(Rgb64::ZERO, |light| light[i])
     }
 
     fn irradiance(&self, i: usize) -> Rgb64 {
-        self.from_emitters.as_ref().map_or(Rgb64::ZERO, |light| light[i]) + self.from_sky(i)
+        self.from_emitters.as_ref().map_or(Rgb64::ZERO, |light| light[i]) + self.of_sky(i)
     }
 }
 
@@ -367,7 +367,7 @@ fn balance(
             on_backs[i] = row.on_backs;
         }
         energy.emitted += exitance[i] * area;
-        energy.from_sky += direct.from_sky(i) * area;
+        energy.from_sky += direct.of_sky(i) * area;
         energy.absorbed += (1.0 - mesh.reflectance(patch).as_dvec3()) * irradiance[i] * area;
         let lost = radiosity[i] * area * row_sums[i].map_or(0.0, |sum| 1.0 - sum);
         let met_backs = on_backs[i].map(|share| radiosity[i] * area * share);

@@ -81,7 +81,7 @@ impl Camera {
     }
 
     /// From a camera in the scene's own coordinates, one that is in those of the model files.
-    pub(crate) fn from_frame_of(&self, origin: DVec3) -> Camera {
+    pub(crate) fn in_file_frame(&self, origin: DVec3) -> Camera {
         Camera { position: self.position + origin, ..self.clone() }
     }
 

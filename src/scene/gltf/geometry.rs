@@ -1,6 +1,7 @@
 //! The triangles of glTF meshes, in the scene's coordinates.
 
 use super::accessor::Data;
+use super::checks::finite;
 use super::json::{self, Node, Primitive};
 use super::materials::quoted;
 use super::nodes::AGAIN;
@@ -11,7 +12,7 @@ use crate::scene::budget::Budget;
 use crate::scene::material::MaterialId;
 use crate::scene::mesh::{Mesh, Origin, Part, PerCorner};
 use crate::scene::model::checked_position;
-use glam::{DAffine3, DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Collects the triangles of a scene.
 #[derive(Default)]
@@ -186,30 +187,4 @@ fn colors(data: &Data, accessor: Option<usize>) -> Result<Vec<Rgb>> {
         4 => data.read::<4>(accessor)?.into_iter().map(|[r, g, b, _]| color(r, g, b)).collect(),
         _ => data.read::<3>(accessor)?.into_iter().map(|[r, g, b]| color(r, g, b)).collect(),
     })
-}
-
-/// What only matters to the look is zero where it has no meaning.
-pub(super) trait Finite: Default {
-    fn is_finite(&self) -> bool;
-}
-
-impl Finite for Vec2 {
-    fn is_finite(&self) -> bool {
-        Vec2::is_finite(*self)
-    }
-}
-
-impl Finite for Vec3 {
-    fn is_finite(&self) -> bool {
-        Vec3::is_finite(*self)
-    }
-}
-
-pub(super) fn finite<T: Finite>(value: T) -> T {
-    if value.is_finite() { value } else { T::default() }
-}
-
-/// Whether the transform turns the front to the back.
-pub(super) fn is_mirror(transform: &DAffine3) -> bool {
-    transform.matrix3.determinant() < 0.0
 }

@@ -6,6 +6,7 @@
 //! and panics on some indices that are out of range.
 
 mod accessor;
+mod checks;
 mod container;
 mod geometry;
 mod json;

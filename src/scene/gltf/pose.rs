@@ -1,7 +1,7 @@
 //! Where the vertices of a mesh stand: moved by its node, or by the joints of its skin, at rest.
 
 use super::accessor::Data;
-use super::geometry::{finite, is_mirror};
+use super::checks::{finite, is_mirror};
 use super::json::{self, Mesh, Node, Primitive};
 use crate::error::Result;
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
