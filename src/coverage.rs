@@ -15,8 +15,8 @@ use rayon::prelude::*;
 use std::f32::consts::TAU;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Points tested on each patch: the centroids of a 4-fold subdivision.
-const POINTS: u32 = 4;
+/// The points tested on each patch are the centroids of its edges' 4-fold subdivision: 16.
+const FINENESS: u32 = 4;
 
 /// Below this part of the scene's area a patch is tested at its centroid alone: no picture shows more.
 const SMALL: f64 = 1e-5;
@@ -86,7 +86,7 @@ impl<'a> Search<'a> {
         for patch in patches() {
             let side = self.mesh.side(patch);
             let [p0, p1, p2] = self.mesh.triangle(patch).p;
-            let points = regular_triangle(self.point_count(patch));
+            let points = regular_triangle(self.fineness(patch));
             let origins =
                 points.iter().map(|[l0, l1, l2]| side.lifted(p0 * *l0 + p1 * *l1 + p2 * *l2));
             work.rays.extend(origins.map(|origin| Ray::new(origin, side.normal)));
@@ -95,7 +95,7 @@ impl<'a> Search<'a> {
         let mut traced = work.rays.len() as u64;
         let mut next = 0;
         for (patch, share) in patches().collect::<Vec<_>>().into_iter().zip(shares) {
-            let count = self.point_count(patch) as usize;
+            let count = self.fineness(patch).pow(2) as usize;
             let open = (next..next + count).filter(|&k| {
                 let ray = &work.rays[k];
                 self.shows(ray, work.hits[k]) || self.is_open(ray, &mut traced)
@@ -106,8 +106,8 @@ impl<'a> Search<'a> {
         traced
     }
 
-    fn point_count(&self, patch: PatchId) -> u32 {
-        if self.mesh.area(patch) < self.small { 1 } else { POINTS }
+    fn fineness(&self, patch: PatchId) -> u32 {
+        if self.mesh.area(patch) < self.small { 1 } else { FINENESS }
     }
 
     /// Whether any but the first of the directions shows something.

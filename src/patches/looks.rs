@@ -161,7 +161,7 @@ impl<'m> Place<'m> {
             return 1.0;
         }
         let [a, b, c] = self.corners;
-        let points = regular_triangle(64);
+        let points = regular_triangle(8);
         let opacity = |l: &[f32; 3]| {
             let p = a * l[0] as f64 + b * l[1] as f64 + c * l[2] as f64;
             self.scene.opacity_at(self.triangle, p.x as f32, p.y as f32)
