@@ -28,6 +28,7 @@ pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec
         lights.push(&sky);
     }
     let mut sides = Sides::of_all(scene);
+    leave_out_hidden(scene, &mut sides);
     let search = Search { scene, caster, lights: &lights, seed, sides: &sides };
     let dark: Vec<Vec<usize>> =
         connected(scene, &sides).into_par_iter().filter(|part| !search.is_lit(part)).collect();
@@ -37,6 +38,20 @@ pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec
         *if is_back { &mut sides.back } else { &mut sides.front } = false;
     }
     sides
+}
+
+/// What lies wholly behind others in its plane is not there at all.
+fn leave_out_hidden(scene: &Scene, sides: &mut [Sides]) {
+    let is_hidden = |triangle: TriangleId, is_back| {
+        let shape = &scene.triangles[triangle.index()];
+        // What rounding leaves of an area that is wholly covered.
+        scene.shown_share(triangle, is_back, shape) < 1e-6
+    };
+    for triangle in scene.overlaps().triangles() {
+        let sides = &mut sides[triangle.index()];
+        sides.front &= !is_hidden(triangle, false);
+        sides.back &= !is_hidden(triangle, true);
+    }
 }
 
 /// The sides that hang together over edges with two triangles, part by part. A side's number is twice its

@@ -13,6 +13,7 @@
 //! | `packet_walk` | the walk of a packet, as long as its rays stay together |
 //! | `stream` | a batch through a small hierarchy, node by node |
 //! | `batch` | which of these ways a batch takes |
+//! | `surfaces` | which of the triangles that a ray meets is seen: openings, overlaps in one plane |
 //! | `tracer` | a hierarchy whose kernel is chosen at run time |
 //! | `simd` | the instruction set |
 //!
@@ -35,9 +36,9 @@ mod node;
 mod packet;
 mod packet_walk;
 mod ray_lanes;
-mod see_through;
 pub(crate) mod simd;
 mod stream;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 mod tracer;
@@ -56,7 +57,7 @@ use std::sync::Arc;
 
 pub use build::Effort;
 pub use kernel8::LeafKernel;
-pub use see_through::SeeThrough;
+pub use surfaces::Surfaces;
 pub use tracer::Tracer;
 
 /// Children of a node, triangles of a leaf, rays of a packet.

@@ -1,6 +1,6 @@
 //! The native ray tracer, its kernel chosen at run time.
 
-use super::{Bvh, Effort, SeeThrough};
+use super::{Bvh, Effort, Surfaces};
 use crate::geometry::{Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster};
 use crate::scene::Scene;
 
@@ -31,8 +31,8 @@ impl Tracer {
     }
 
     fn of(bvh: impl RayCaster + 'static, scene: &Scene) -> Tracer {
-        let see_through = scene.is_see_through();
-        Tracer(if see_through { Box::new(SeeThrough::new(bvh, scene)) } else { Box::new(bvh) })
+        let needed = scene.hides_or_opens();
+        Tracer(if needed { Box::new(Surfaces::new(bvh, scene)) } else { Box::new(bvh) })
     }
 }
 

@@ -16,6 +16,15 @@ impl Bounds {
         Bounds { min: self.min.min(point), max: self.max.max(point) }
     }
 
+    pub fn with(self, other: &Bounds) -> Bounds {
+        Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Whether the boxes have a point in common.
+    pub fn touches(&self, other: &Bounds) -> bool {
+        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+    }
+
     pub fn center(&self) -> Vec3 {
         0.5 * self.min + 0.5 * self.max
     }

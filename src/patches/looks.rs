@@ -37,8 +37,8 @@ impl Looks {
             let patches = if wanted { mesh.len() as u32 } else { 0 };
             (0..patches).into_par_iter().map(|i| mean(&Place::of(mesh, PatchId(i)))).collect()
         };
-        let see_through = if scene.is_see_through() { mesh.len() as u32 } else { 0 };
-        let opacity = |i| Place::of(mesh, PatchId(i)).mean_opacity();
+        let see_through = if scene.hides_or_opens() { mesh.len() as u32 } else { 0 };
+        let opacity = |i| mesh.shown_opacity(PatchId(i));
         Looks {
             reflectance: all(reflects, |place| place.mean_reflectance()),
             radiance: all(emits, |place| place.mean_radiance()),
@@ -72,7 +72,17 @@ impl PatchMesh {
     /// Whether the radiance varies over a side.
     pub(crate) fn is_patterned_light(&self, side: &Side) -> bool {
         let material = &self.scene.materials[side.material.0 as usize];
-        material.radiance_map.is_some() || material.opacity_map.is_some()
+        material.radiance_map.is_some()
+            || material.opacity_map.is_some()
+            || !self.scene.overlaps().with(side.triangle).is_empty()
+    }
+
+    /// The mean opacity of what is seen of the patch: above zero, so that no patch loses its area.
+    fn shown_opacity(&self, patch: PatchId) -> f32 {
+        let side = self.side(patch);
+        let opacity = Place::of(self, patch).mean_opacity();
+        let shown = self.scene.shown_share(side.triangle, side.is_back, &self.triangle(patch));
+        (opacity * shown as f32).max(1e-6)
     }
 
     /// The look of a side at a hit, through a footprint of this diameter in the scene's units.
@@ -129,6 +139,7 @@ fn whole_mean(texture: &Texture) -> Rgb {
 struct Place<'m> {
     scene: &'m Scene,
     triangle: TriangleId,
+    is_back: bool,
     material: &'m Material,
     /// Barycentrics (u, v) of its corners.
     corners: [DVec2; 3],
@@ -143,6 +154,7 @@ impl<'m> Place<'m> {
         Place {
             scene: &mesh.scene,
             triangle: side.triangle,
+            is_back: side.is_back,
             material: &mesh.scene.materials[side.material.0 as usize],
             corners: cell.corners().map(corner),
         }
@@ -155,7 +167,7 @@ impl<'m> Place<'m> {
             * color_at(self.scene, self.triangle, center.x, center.y)
     }
 
-    /// The mean over 64 points, and above zero, so that no patch loses its area.
+    /// The mean over 64 points.
     fn mean_opacity(&self) -> f32 {
         if !self.material.is_see_through() {
             return 1.0;
@@ -164,10 +176,9 @@ impl<'m> Place<'m> {
         let points = regular_triangle(8);
         let opacity = |l: &[f32; 3]| {
             let p = a * l[0] as f64 + b * l[1] as f64 + c * l[2] as f64;
-            self.scene.opacity_at(self.triangle, p.x as f32, p.y as f32)
+            self.scene.opacity_at(self.triangle, self.is_back, p.x as f32, p.y as f32)
         };
-        let mean = points.iter().map(opacity).sum::<f32>() / points.len() as f32;
-        mean.max(1e-6)
+        points.iter().map(opacity).sum::<f32>() / points.len() as f32
     }
 
     fn mean_radiance(&self) -> Rgb {

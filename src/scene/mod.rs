@@ -16,6 +16,7 @@ mod model;
 mod mutation;
 pub(crate) mod obj;
 mod opacity;
+pub mod overlaps;
 mod ply;
 mod read;
 mod sniff;
@@ -36,6 +37,7 @@ use glam::{DVec3, Vec3};
 pub use material::{Material, MaterialId};
 pub use mesh::Mesh;
 use model::Model;
+use overlaps::Overlaps;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -81,6 +83,9 @@ pub struct Scene {
     /// Filled by the first call of [`topology`](Self::topology).
     #[serde(skip)]
     pub known_topology: Arc<OnceLock<Topology>>,
+    /// Filled by the first call of [`overlaps`](Self::overlaps).
+    #[serde(skip)]
+    pub known_overlaps: Arc<OnceLock<Overlaps>>,
 }
 
 impl Scene {
@@ -126,6 +131,7 @@ impl Scene {
             warnings: Vec::new(),
             files: Vec::new(),
             known_topology: Arc::default(),
+            known_overlaps: Arc::default(),
         }
     }
 
@@ -196,7 +202,9 @@ impl Scene {
         scene.warnings = warnings;
         scene.files = files;
         scene.check_extent(&description.file)?;
-        Ok(scene.merge_copies())
+        let mut scene = scene.merge_copies();
+        scene.warnings.extend(scene.overlaps().warning(&scene));
+        Ok(scene)
     }
 
     /// The material of a triangle's front or back.
@@ -265,6 +273,7 @@ impl Scene {
             mesh: mesh.into(),
             warnings,
             known_topology: Arc::default(),
+            known_overlaps: Arc::default(),
             ..self
         }
     }

@@ -14,12 +14,19 @@ impl Material {
 impl Scene {
     /// Whether light may go straight through any triangle.
     pub(crate) fn is_see_through(&self) -> bool {
-        self.material_of.iter().any(|m| self.materials[m.0 as usize].is_see_through())
+        let used = self.material_of.iter().chain(self.back_of.iter().flatten());
+        used.into_iter().any(|m| self.materials[m.0 as usize].is_see_through())
     }
 
-    /// The share of light that does not go straight through a triangle at barycentrics (u, v), in [0, 1].
-    pub fn opacity_at(&self, triangle: TriangleId, u: f32, v: f32) -> f32 {
-        let material = self.material(triangle);
+    /// Whether something else than the first triangle that a ray meets may be seen.
+    pub(crate) fn hides_or_opens(&self) -> bool {
+        self.is_see_through() || !self.overlaps().is_empty()
+    }
+
+    /// The share of light that does not go straight through a triangle's front or back at barycentrics (u, v),
+    /// in [0, 1].
+    pub fn opacity_at(&self, triangle: TriangleId, is_back: bool, u: f32, v: f32) -> f32 {
+        let material = &self.materials[self.material_on(triangle, is_back).0 as usize];
         let opacity = match &material.opacity_map {
             Some(map) => material.opacity * self.texture_opacity(map, triangle, u, v),
             None => material.opacity,

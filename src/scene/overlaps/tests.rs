@@ -1,0 +1,100 @@
+use super::*;
+use crate::geometry::shapes;
+use crate::scene::{Material, MaterialId};
+use glam::{DQuat, DVec3};
+
+/// A parallelogram from `at` along `u` and `v`, facing u × v.
+fn sheet(at: DVec3, u: DVec3, v: DVec3) -> [Triangle; 2] {
+    let p = [at, at + u, at + u + v, at + v].map(|p| p.as_vec3());
+    [Triangle::new(p[0], p[1], p[2]), Triangle::new(p[0], p[2], p[3])]
+}
+
+/// A floor of 4 × 4 and a carpet of 2 × 1 in it, both facing up before `turn`, with materials 0 and 1.
+fn floor_and_carpet(turn: DQuat) -> Scene {
+    let place = |x, z, width, depth| {
+        let at = turn * DVec3::new(x, 0.3, z) + DVec3::new(0.7, -1.1, 0.4);
+        sheet(at, turn * (DVec3::Z * depth), turn * (DVec3::X * width))
+    };
+    scene(&[place(0.0, 0.0, 4.0, 4.0), place(1.0, 1.5, 2.0, 1.0)])
+}
+
+/// One material per sheet.
+fn scene(sheets: &[[Triangle; 2]]) -> Scene {
+    let material_of = (0..sheets.len() as u32).flat_map(|m| [MaterialId(m); 2]).collect();
+    Scene::new(sheets.concat(), material_of, vec![Material::fallback(); sheets.len()])
+}
+
+fn askew() -> DQuat {
+    DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 0.77)
+}
+
+#[test]
+fn a_carpet_comes_before_the_floor_whatever_its_place_in_space() {
+    for turn in [DQuat::IDENTITY, askew()] {
+        let scene = floor_and_carpet(turn);
+        let overlaps = scene.overlaps();
+        let t = [0, 1, 2, 3].map(TriangleId);
+        assert_eq!(overlaps.with(t[2]), [t[0], t[1]], "the carpet lies across the floor's diagonal");
+        for (floor, carpet) in [(t[0], t[2]), (t[1], t[2]), (t[0], t[3]), (t[1], t[3])] {
+            assert!(overlaps.with(floor).contains(&carpet));
+            assert!(overlaps.comes_first((carpet, true), (floor, true)));
+            assert!(overlaps.comes_first((floor, true), (carpet, false)), "a front before a back");
+        }
+        let shown = |t: TriangleId| scene.shown_share(t, false, &scene.triangles[t.index()]);
+        assert_eq!([shown(t[2]), shown(t[3])], [1.0, 1.0]);
+        let floor = 8.0 * (shown(t[0]) + shown(t[1]));
+        assert!((floor - 14.0).abs() < 1e-5, "16 - 2 are left of the floor: {floor}");
+        assert!(overlaps.warning(&scene).is_some());
+    }
+}
+
+#[test]
+fn neighbours_and_what_stands_apart_do_not_overlap() {
+    let (o, x, y, z) = (DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z);
+    let apart = [sheet(o, z, x), sheet(x, z, x), sheet(o, y, z), sheet(y * 1e-4, z, x)];
+    assert!(scene(&apart).overlaps().is_empty());
+    // Folded by half a degree and turned, so that corners round.
+    let turn = askew();
+    let fan: Vec<_> = (0..300)
+        .map(|k| {
+            let at = |k: i32| turn * DVec3::new(0.0, (k as f64).to_radians().sin(), (k as f64).to_radians().cos());
+            sheet(at(k), at(k + 1) - at(k), turn * DVec3::X)
+        })
+        .collect();
+    assert!(scene(&fan).overlaps().is_empty());
+    let ball = shapes::icosphere(5);
+    let materials = vec![MaterialId(0); ball.len()];
+    assert!(Scene::new(ball, materials, vec![Material::fallback()]).overlaps().is_empty());
+}
+
+#[test]
+fn a_carpet_on_tiles_comes_before_each_of_them() {
+    let tile = |k: i32| {
+        // Tiles do not meet corner to corner.
+        let (row, column) = (k / 4, k % 4);
+        sheet(DVec3::new(column as f64 + 0.3 * row as f64, 0.0, row as f64), DVec3::Z, DVec3::X)
+    };
+    let mut sheets: Vec<_> = (0..16).map(tile).collect();
+    sheets.push(sheet(DVec3::new(1.1, 0.0, 0.2), DVec3::Z * 3.0, DVec3::X * 2.5));
+    let mut scene = scene(&sheets);
+    scene.material_of = (0..34).map(|t| MaterialId((t >= 32) as u32)).collect();
+    let overlaps = scene.overlaps();
+    let carpet = TriangleId(32);
+    assert!(overlaps.with(carpet).len() > 6);
+    for &tile in overlaps.with(carpet) {
+        assert!(overlaps.comes_first((carpet, true), (tile, true)), "{tile:?}");
+    }
+}
+
+#[test]
+fn what_stands_on_a_floor_hides_only_backs_and_nobody_is_warned() {
+    let (x, z) = (DVec3::X, DVec3::Z);
+    // The bottom of a block faces down.
+    let scene = scene(&[sheet(DVec3::ZERO, z * 4.0, x * 4.0), sheet(x + z, x, z)]);
+    let (floor, bottom) = (TriangleId(0), TriangleId(2));
+    let shown = |t: TriangleId, is_back| scene.shown_share(t, is_back, &scene.triangles[t.index()]);
+    assert_eq!((shown(floor, false), shown(bottom, false)), (1.0, 1.0));
+    assert_eq!(shown(bottom, true), 0.0);
+    assert!(shown(floor, true) < 1.0);
+    assert!(scene.overlaps().warning(&scene).is_none());
+}
