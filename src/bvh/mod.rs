@@ -38,7 +38,7 @@ mod packet_walk;
 mod ray_lanes;
 pub(crate) mod simd;
 mod stream;
-mod surfaces;
+pub(crate) mod surfaces;
 #[cfg(test)]
 mod tests;
 mod tracer;

@@ -37,25 +37,18 @@ impl<C: RayCaster> Surfaces<C> {
     fn go_on(&self, ray: &Ray, mut found: Hit, overlaps: &Overlaps) -> Option<Hit> {
         let mut rest = *ray;
         loop {
-            let (seen, beyond) = self.seen_here(ray, &rest, found, overlaps);
+            let seen = self.seen_here(ray, &rest, found, overlaps);
             if seen.is_some() {
                 return seen;
             }
             // Beyond the interval's start, which is open, nothing is met twice.
-            rest.t_min = beyond;
+            rest.t_min = found.t;
             found = self.inner.nearest(&rest)?;
         }
     }
 
-    /// Of the triangles in one plane that the ray meets here, that which is seen, if any stops it; and the
-    /// greatest of their distances.
-    fn seen_here(
-        &self,
-        ray: &Ray,
-        rest: &Ray,
-        found: Hit,
-        overlaps: &Overlaps,
-    ) -> (Option<Hit>, f32) {
+    /// Of the triangles that the ray meets here in one plane, that which is seen, if any stops it.
+    fn seen_here(&self, ray: &Ray, rest: &Ray, found: Hit, overlaps: &Overlaps) -> Option<Hit> {
         let faces =
             |t: TriangleId| self.scene.triangles[t.index()].normal().dot(ray.direction) < 0.0;
         let others = overlaps.with(found.triangle).iter().filter_map(|&triangle| {
@@ -63,25 +56,24 @@ impl<C: RayCaster> Surfaces<C> {
                 MollerTrumbore::intersect(rest, &self.scene.triangles[triangle.index()])?;
             Some(Hit { triangle, t, u, v })
         });
-        let (mut seen, mut beyond): (Option<Hit>, f32) = (None, found.t);
+        let mut seen: Option<Hit> = None;
         for hit in std::iter::once(found).chain(others) {
-            beyond = beyond.max(hit.t);
             let place = |hit: Hit| (hit.triangle, faces(hit.triangle));
             let comes_first = |other| overlaps.comes_first(place(hit), place(other));
-            if self.stops(ray, &hit, !faces(hit.triangle)) && seen.is_none_or(comes_first) {
+            let is_back = !faces(hit.triangle);
+            let stops = || !self.has_openings || stops(&self.scene, ray, hit, is_back);
+            if seen.is_none_or(comes_first) && stops() {
                 seen = Some(hit);
             }
         }
-        (seen, beyond)
+        seen
     }
+}
 
-    fn stops(&self, ray: &Ray, hit: &Hit, is_back: bool) -> bool {
-        if !self.has_openings {
-            return true;
-        }
-        let opacity = self.scene.opacity_at(hit.triangle, is_back, hit.u, hit.v);
-        opacity >= 1.0 || (opacity > 0.0 && number(ray, hit) < opacity)
-    }
+/// Whether a ray ends at a hit, by the opacity of the side that it meets.
+pub(crate) fn stops(scene: &Scene, ray: &Ray, hit: Hit, is_back: bool) -> bool {
+    let opacity = scene.opacity_at(hit.triangle, is_back, hit.u, hit.v);
+    opacity >= 1.0 || (opacity > 0.0 && number(ray, &hit) < opacity)
 }
 
 /// A number in [0, 1) for a ray at a triangle.

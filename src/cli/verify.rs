@@ -4,7 +4,7 @@ mod pipeline;
 
 use super::progress::Bars;
 use super::{complain, say, warn};
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, Surfaces};
 use crate::equivalence::Summary;
 #[cfg(feature = "embree")]
 use crate::error::Error;
@@ -146,7 +146,8 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     warn(&scene.warnings);
 
     let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
-    let camera = description.view(&scene, &Sides::of_all(&scene), &native);
+    let surfaces = Surfaces::new(&native, &scene);
+    let camera = description.view(&scene, &Sides::of_all(&scene), &surfaces);
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, oracle) = peers(&scene.triangles, embree)?;
     let scenery = (&description, &scene, &camera);
@@ -156,7 +157,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
         .map(|path| pipeline::run(&native, &peers, scenery, arguments.seed, path))
         .transpose()?;
     let (pipeline, picture) = pipeline.unzip();
-    let findings = survey(&scene.triangles, &native, &peers, &source, arguments.rays, &Bars::new());
+    let findings = survey(&scene, &native, &peers, &source, arguments.rays, &Bars::new());
     let leaks = leaks(&scene.triangles, &native, &peers, arguments.rays / 4, arguments.seed);
 
     let stress_mesh = survey_stress_mesh(arguments, embree)?;
@@ -216,7 +217,7 @@ fn survey_stress_mesh(arguments: &Arguments, embree: &str) -> Result<Vec<Finding
     let source = RaySource::new(&scene, &camera, arguments.seed);
     let (peers, _) = peers(&scene.triangles, embree)?;
     let rays = built_in_rays(arguments);
-    Ok(survey(&scene.triangles, &native, &peers, &source, rays, &()))
+    Ok(survey(&scene, &native, &peers, &source, rays, &()))
 }
 
 fn by_caster(findings: &[Finding]) -> BTreeMap<&'static str, Tally> {

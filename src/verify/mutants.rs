@@ -57,7 +57,7 @@ fn surveyed(mutant: &Mutant) -> Option<String> {
     );
     let source = RaySource::new(&scene, &camera, 1);
     let peers = [brute_force(&scene.triangles)];
-    let finding = survey(&scene.triangles, &*native, &peers, &source, RAYS / 2, &()).remove(0);
+    let finding = survey(&scene, &*native, &peers, &source, RAYS / 2, &()).remove(0);
     let wrong = finding.total().failures();
     assert_eq!(wrong > 0, finding.failures.iter().any(|source| source.contains("from_bits")));
     let kinds: Vec<String> = RayKind::ALL

@@ -5,8 +5,10 @@ use super::cross_checked::Record;
 use super::rays::{RayKind, RaySource};
 use super::tally::Tally;
 use super::verdict::Judge;
-use crate::geometry::{Hit, Ray, RayCaster, Triangle};
+use crate::bvh::Surfaces;
+use crate::geometry::{Hit, Ray, RayCaster};
 use crate::progress::{Progress, Stage};
+use crate::scene::Scene;
 use rayon::prelude::*;
 
 /// A caster to hold the native one against.
@@ -18,6 +20,15 @@ pub(crate) struct Peer<'a> {
     pub is_native: bool,
     /// Whether it is asked ray by ray rather than in batches.
     pub single: bool,
+}
+
+impl Peer<'_> {
+    /// The peer with the scene's rules about what is seen.
+    fn seeing(&self, scene: &Scene) -> Peer<'_> {
+        let &Peer { name, arithmetic, is_native, single, .. } = self;
+        let caster = Box::new(Surfaces::new(&*self.caster, scene));
+        Peer { name, caster, arithmetic, is_native, single }
+    }
 }
 
 /// The result of a survey about one peer.
@@ -49,25 +60,27 @@ const CHUNK: u64 = 4096;
 /// be wrong alike.
 const AUDIT: usize = 64;
 
-/// Asks the native caster and every peer about `rays` rays, for the nearest hit and for any hit.
-pub(crate) fn survey<'t>(
-    triangles: &'t [Triangle],
+/// Asks the native caster and every peer what is seen along `rays` rays, and whether anything is.
+pub(crate) fn survey(
+    scene: &Scene,
     native: &dyn RayCaster,
     peers: &[Peer],
     source: &RaySource,
     rays: u64,
     progress: &dyn Progress,
 ) -> Vec<Finding> {
+    let native = &Surfaces::new(native, scene);
+    let peers: Vec<Peer> = peers.iter().map(|peer| peer.seeing(scene)).collect();
     let chunks = chunks(rays);
     progress.begin(Stage::Verify, Some(chunks.len() as u64));
-    let judges: Vec<Judge<'t>> = peers
+    let judges: Vec<Judge> = peers
         .iter()
-        .map(|peer| Judge::new(triangles, Arithmetic::MollerTrumbore, peer.arithmetic))
+        .map(|peer| Judge::of_scene(scene, Arithmetic::MollerTrumbore, peer.arithmetic))
         .collect();
     let records: Vec<Vec<Record>> = chunks
         .par_iter()
         .map(|chunk| {
-            let records = chunk.ask(native, peers, &judges, source);
+            let records = chunk.ask(native, &peers, &judges, source);
             progress.advance(1);
             records
         })

@@ -1,5 +1,6 @@
 //! `isolux verify --diff-image`: the whole pipeline on two tracers, and a picture of where it differs.
 
+use crate::bvh::Surfaces;
 use crate::cli::progress::Bars;
 use crate::cli::render;
 use crate::equivalence::{Cause, Compared, Pair, Pipeline, Summary};
@@ -44,8 +45,10 @@ pub(super) fn run(
     path: &Path,
 ) -> Result<(PipelineReport, Output)> {
     let peer = most_different(peers);
-    let judge = Judge::new(&scene.triangles, Arithmetic::MollerTrumbore, peer.arithmetic);
-    let pair = Pair { native, peer: &*peer.caster, judge, peer_is_ours: peer.is_native };
+    let judge = Judge::of_scene(scene, Arithmetic::MollerTrumbore, peer.arithmetic);
+    let native = &Surfaces::new(native, scene);
+    let other = &Surfaces::new(&*peer.caster, scene);
+    let pair = Pair { native, peer: other, judge, peer_is_ours: peer.is_native };
     let mesh = patches(scene, description, native, seed)?;
     let samples = description.image.samples.unwrap_or(MOST_SAMPLES).min(MOST_SAMPLES);
     // Two pictures at a time, and one for the differences.

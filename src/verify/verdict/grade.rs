@@ -1,6 +1,7 @@
 //! One answer and the truth.
 
 use super::Judge;
+use super::seen::Rule;
 use crate::geometry::{Hit, Ray, TriangleId};
 use crate::verify::bounds::{Arithmetic, Bounds};
 use crate::verify::contact::{Contact, Miss};
@@ -46,7 +47,7 @@ impl Graded {
 const FIRST_SEARCH: f64 = 1.0 / 4096.0;
 
 impl Judge<'_> {
-    fn bounds(&self, ray: &Ray, arithmetic: Arithmetic, id: TriangleId, cramer: &Cramer) -> Bounds {
+    pub(super) fn bounds(&self, ray: &Ray, arithmetic: Arithmetic, id: TriangleId, cramer: &Cramer) -> Bounds {
         Bounds::new(arithmetic, ray, self.referee.triangle(id), cramer)
     }
 
@@ -68,9 +69,12 @@ impl Judge<'_> {
     fn grade_miss(&self, ray: &Ray, arithmetic: Arithmetic, met: &[Met]) -> Graded {
         let mut graded = Graded::RIGHT;
         for met in met {
-            if let Contact::Touching(_) = met.contact {
+            let stops = self.stops(ray, met, arithmetic);
+            if stops == Rule::No {
+                continue;
+            } else if let Contact::Touching(_) = met.contact {
                 graded.at_least(Grade::Touching);
-            } else if self.bounds(ray, arithmetic, met.triangle, &met.cramer).may_miss(ray) {
+            } else if stops == Rule::Unsure || self.bounds(ray, arithmetic, met.triangle, &met.cramer).may_miss(ray) {
                 graded.at_least(Grade::Precision);
             } else {
                 return Graded::wrong(Some(met.triangle));
@@ -96,16 +100,48 @@ impl Judge<'_> {
             }
             Contact::Miss(_) => return Graded::wrong(Some(hit.triangle)),
         }
-        if !bounds.accept(ray, [hit.t, hit.u, hit.v]) {
+        let stops = self.stops(ray, &own, arithmetic);
+        if stops == Rule::No || !self.accepts_numbers(ray, hit, &own, &bounds) {
             return Graded::wrong(Some(hit.triangle));
         }
-        for nearer in met.iter().filter(|met| met.triangle != hit.triangle) {
-            if self.is_surely_before(ray, nearer, hit.t, arithmetic) {
-                return Graded::wrong(Some(nearer.triangle));
+        if stops == Rule::Unsure {
+            graded.at_least(Grade::Precision);
+        }
+        let t = self.first_in_plane(&own, hit.t, met);
+        for other in met.iter().filter(|met| met.triangle != hit.triangle) {
+            let grade = match (self.stops(ray, other, arithmetic), self.comes_first(other, &own)) {
+                (Rule::No, _) | (_, Some(Rule::No)) => Grade::Right,
+                (Rule::Yes, Some(Rule::Yes)) => self.grade_unseen(ray, other),
+                (Rule::Yes, None) if self.is_surely_before(ray, other, t, arithmetic) => {
+                    Grade::Wrong
+                }
+                (Rule::Yes, None) => self.grade_between(ray, other, &own),
+                (Rule::Unsure, _) | (_, Some(Rule::Unsure)) => Grade::Precision,
+            };
+            if grade == Grade::Wrong {
+                return Graded::wrong(Some(other.triangle));
             }
-            graded.at_least(self.grade_between(ray, nearer, &own));
+            graded.at_least(grade);
         }
         graded
+    }
+
+    /// Whoever meets a triangle asks our own kernel about the others that it overlaps in one plane.
+    fn accepts_numbers(&self, ray: &Ray, hit: Hit, own: &Met, bounds: &Bounds) -> bool {
+        let numbers = [hit.t, hit.u, hit.v];
+        let overlaps = self.scene.is_some_and(|scene| !scene.overlaps().with(hit.triangle).is_empty());
+        let our_own = || self.bounds(ray, Arithmetic::MollerTrumbore, hit.triangle, &own.cramer);
+        bounds.accept(ray, numbers) || overlaps && our_own().accept(ray, numbers)
+    }
+
+    /// The grade that a triangle leaves which should have been seen, and was not.
+    fn grade_unseen(&self, ray: &Ray, met: &Met) -> Grade {
+        let bounds = self.bounds(ray, Arithmetic::MollerTrumbore, met.triangle, &met.cramer);
+        match met.contact {
+            Contact::Touching(_) => Grade::Touching,
+            _ if bounds.may_miss(ray) => Grade::Precision,
+            _ => Grade::Wrong,
+        }
     }
 
     /// Whether a kernel cannot but have found `met`, at a smaller t.
@@ -146,11 +182,15 @@ impl Judge<'_> {
         if !answer {
             return self.grade_miss(ray, arithmetic, met);
         }
-        if met.iter().any(|met| matches!(met.contact, Contact::Hit { .. })) {
+        let stops = |met: &Met| self.stops(ray, met, arithmetic);
+        let is_hit = |met: &Met| matches!(met.contact, Contact::Hit { .. });
+        if met.iter().any(|met| is_hit(met) && stops(met) == Rule::Yes) {
             return Graded::RIGHT;
         }
-        let grade = if !met.is_empty() {
+        let grade = if met.iter().any(|met| !is_hit(met) && stops(met) == Rule::Yes) {
             Grade::Touching
+        } else if met.iter().any(|met| stops(met) == Rule::Unsure) {
+            Grade::Precision
         } else if self.may_hit_anything(ray, arithmetic) {
             Grade::Precision
         } else {

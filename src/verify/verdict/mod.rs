@@ -10,10 +10,12 @@ use super::cramer::Cramer;
 use super::referee::Referee;
 use super::source;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
+use crate::scene::Scene;
 pub use grade::Grade;
 use grade::Graded;
 
 mod grade;
+mod seen;
 #[cfg(test)]
 mod tests;
 
@@ -94,6 +96,8 @@ fn within_reach(ray: &Ray) -> Ray {
 /// Judges answers about one scene.
 pub struct Judge<'t> {
     referee: Referee<'t>,
+    /// Whose rules say what is seen of what is met; without it, that which is nearest.
+    scene: Option<&'t Scene>,
     native: Arithmetic,
     other: Arithmetic,
 }
@@ -101,7 +105,12 @@ pub struct Judge<'t> {
 impl<'t> Judge<'t> {
     /// `native` and `other` say how the two sides compute; alone, `other` does not matter.
     pub fn new(triangles: &'t [Triangle], native: Arithmetic, other: Arithmetic) -> Self {
-        Judge { referee: Referee::new(triangles), native, other }
+        Judge { referee: Referee::new(triangles), scene: None, native, other }
+    }
+
+    /// A judge of answers through [`Surfaces`](crate::bvh::Surfaces).
+    pub fn of_scene(scene: &'t Scene, native: Arithmetic, other: Arithmetic) -> Self {
+        Judge { scene: Some(scene), ..Judge::new(&scene.triangles, native, other) }
     }
 
     pub fn referee(&self) -> &Referee<'t> {
