@@ -45,7 +45,13 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
         let inside = best(&inside, count);
         let from_outside = |(seen, _): &(Seen, Camera)| mostly(count(seen), seen.hits);
         let from_inside = |(seen, _): &(Seen, Camera)| mostly(count(seen), GRID * GRID);
-        [corner, straight].into_iter().find(from_outside).or(Some(inside).filter(from_inside))
+        let dark = |(seen, _): &(Seen, Camera)| {
+            (seen.hits - count(seen)) as f64 / seen.hits.max(1) as f64
+        };
+        // Into a room that is open at one side the straight view looks past the dark outsides of its walls.
+        let is_clearer = dark(&corner) > 0.2 && dark(&straight) < 0.5 * dark(&corner);
+        let order = if is_clearer { [straight, corner] } else { [corner, straight] };
+        order.into_iter().find(from_outside).or(Some(inside).filter(from_inside))
     });
     let (_, camera) = found.unwrap_or_else(|| best(&corners, |seen| seen.hits));
     camera.in_file_frame(scene.origin)
@@ -170,6 +176,15 @@ mod tests {
         let axis = |t| fit(&scene(vec![t])).ray(0.5, 0.5, 1.0).direction;
         assert!(axis(Triangle::new(a, b, c)).z < 0.0);
         assert!(axis(Triangle::new(a, c, b)).z > 0.0);
+    }
+
+    #[test]
+    fn a_room_that_is_open_at_one_side_is_looked_into() {
+        let mut walls = shapes::inside_out(shapes::cube(Vec3::ZERO, 1.0));
+        walls.retain(|wall| wall.normal() != Vec3::NEG_Z);
+        assert_eq!(walls.len(), 10);
+        let direction = fit(&scene(walls)).ray(0.5, 0.5, 1.0).direction;
+        assert!(direction.normalize().dot(Vec3::NEG_Z) > 0.999, "{direction}");
     }
 
     #[test]

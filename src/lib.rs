@@ -74,6 +74,9 @@
 //!   an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
 //! - **Covered parts do not count.** A patch that is partly covered by another surface is weighted by its
 //!   uncovered part (`coverage`), so no dark triangles appear at the feet of blocks.
+//! - **One surface per place.** Of triangles that overlap in one plane one is seen, by a rule and not by rounding
+//!   ([`scene::overlaps`]); the wrapper that applies it to every caster also lets rays through openings
+//!   ([`bvh::Surfaces`]).
 //! - **Every ray can be checked.** [`verify`] traces ordinary and adversarial rays with the native tracer
 //!   and its peers. An exact referee settles each difference, within error bounds that are derived.
 //! - **No seam leaks.** Where rounding hides on which side of an edge a ray passes, the side is decided

@@ -100,6 +100,16 @@ pub struct Energy {
     pub escaped: Rgb64,
 }
 
+impl Energy {
+    /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means: how far the
+    /// estimates of one power lie apart. 0 without light.
+    pub fn imbalance(&self) -> f64 {
+        let arrives = (self.emitted + self.from_sky).element_sum();
+        let goes = self.absorbed + self.on_backs.unwrap_or_default() + self.escaped;
+        if arrives > 0.0 { goes.element_sum() / arrives - 1.0 } else { 0.0 }
+    }
+}
+
 /// The light in the scene.
 pub struct Radiosity {
     /// B = E + ρH in W·m⁻², per patch.

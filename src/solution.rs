@@ -152,8 +152,12 @@ impl Solution {
 
     /// The factor from radiance to display with which a picture is neither dark nor burnt out.
     pub fn exposure(&self, image: &Image) -> f32 {
-        let automatic = || tone::automatic_exposure(image);
-        self.image.exposure.unwrap_or_else(automatic)
+        self.common_exposure(&[image])
+    }
+
+    /// One factor for several pictures.
+    pub fn common_exposure(&self, images: &[&Image]) -> f32 {
+        self.image.exposure.unwrap_or_else(|| tone::automatic_exposure(images))
     }
 
     /// Writes a `.light` file, whole or not at all.

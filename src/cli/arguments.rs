@@ -43,10 +43,10 @@ pub(super) struct RenderArguments {
           help_heading = "Picture")]
     pub crease: f32,
 
-    /// Factor from radiance to display brightness; 1 is white. For PNG [default: the scene's, else
-    /// automatic, from the first picture]
-    #[arg(long, value_name = "FACTOR", value_parser = parse_positive, help_heading = "Picture")]
-    pub exposure: Option<f32>,
+    /// Factor from radiance to display brightness; 1 is white. Or `same`: automatic, but one for all
+    /// views. For PNG [default: the scene's, else automatic for each view]
+    #[arg(long, value_name = "FACTOR|same", value_parser = parse_exposure, help_heading = "Picture")]
+    pub exposure: Option<Exposure>,
 
     /// Radiance behind the scene: one number or R,G,B [default: the sky]
     #[arg(long, value_name = "RADIANCE", value_parser = parse_radiance, help_heading = "Picture")]
@@ -65,11 +65,18 @@ pub(super) struct RenderArguments {
     pub run: RunArguments,
 }
 
+/// The value of `--exposure`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Exposure {
+    Factor(f32),
+    Same,
+}
+
 /// A camera from the command line.
 #[derive(clap::Args)]
 pub(super) struct ViewArguments {
-    /// A view that the scene describes as [views.NAME]; several draw a picture each, all with one
-    /// exposure: room.png becomes room-NAME.png
+    /// A view that the scene describes as [views.NAME]; several draw a picture each: room.png becomes
+    /// room-NAME.png
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = parse_view,
           conflicts_with_all = ["position", "look_at", "up", "fov"], help_heading = "Picture")]
     pub view: Vec<String>,
@@ -257,6 +264,13 @@ fn parse_positive(text: &str) -> std::result::Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("expected a number above zero".into()),
+    }
+}
+
+fn parse_exposure(text: &str) -> std::result::Result<Exposure, String> {
+    match text {
+        "same" => Ok(Exposure::Same),
+        _ => parse_positive(text).map(Exposure::Factor).map_err(|e| format!("{e}, or `same`")),
     }
 }
 

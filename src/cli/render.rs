@@ -1,6 +1,6 @@
 //! `isolux render`: from a scene to pictures.
 
-use super::arguments::{LightArguments, RenderArguments, SceneArguments, ShadingName};
+use super::arguments::{Exposure, LightArguments, RenderArguments, SceneArguments, ShadingName};
 use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
@@ -122,23 +122,27 @@ impl Run<'_> {
         let rendering = Instant::now();
         let images = draw(arguments, tracer, self.camera.as_ref(), frame, pictures, solution)
             .map_err(|error| error.in_file_if_none(&arguments.scene))?;
-        let exposure = arguments.exposure.unwrap_or_else(|| solution.exposure(&images[0]));
-        let mut outputs = encode(pictures, &images, exposure)?;
+        let views = pictures.chunk_by(|a, b| a.view == b.view).count();
+        let exposures = exposures(arguments, solution, &images, views);
+        let mut outputs = encode(pictures, &images, &exposures)?;
         seconds.render += rendering.elapsed().as_secs_f64();
         seconds.total = self.start.elapsed().as_secs_f64();
 
         let files = pictures.iter().map(|picture| picture.path.as_path());
-        let views = pictures.chunk_by(|a, b| a.view == b.view).count() as u64;
+        let is_given =
+            matches!(arguments.exposure, Some(Exposure::Factor(_))) || solution.image.exposure.is_some();
         let report = Report {
-            exposure: Some(exposure),
-            automatic_exposure: arguments.exposure.or(solution.image.exposure).is_none(),
-            rays: light_rays + frame.rays() * views,
+            exposure: Some(exposures[0]),
+            automatic_exposure: !is_given,
+            rays: light_rays + frame.rays() * views as u64,
+            exposures: if exposures.iter().any(|e| *e != exposures[0]) { exposures } else { vec![] },
             ..Report::new(solution, seconds, files)
         };
         if let Some(path) = &arguments.run.stats {
             outputs.push(Output { path: path.clone(), bytes: report.to_json() });
         }
         write_all(outputs)?;
+        warn(report.warning().as_slice());
         say(&report.to_text());
         Ok(())
     }
@@ -268,13 +272,30 @@ fn draw(
     Ok(images)
 }
 
-fn encode(pictures: &[Picture], images: &[Image], exposure: f32) -> Result<Vec<Output>> {
-    pictures
-        .iter()
-        .zip(images)
-        .map(|(picture, image)| {
-            let bytes = picture.format.encode(image, exposure)?;
-            Ok(Output { path: picture.path.clone(), bytes })
-        })
-        .collect()
+/// One exposure per view, for all of its shadings.
+fn exposures(
+    arguments: &RenderArguments,
+    solution: &Solution,
+    images: &[Image],
+    views: usize,
+) -> Vec<f32> {
+    let all: Vec<&Image> = images.iter().collect();
+    match arguments.exposure {
+        Some(Exposure::Factor(factor)) => vec![factor; views],
+        Some(Exposure::Same) => vec![solution.common_exposure(&all); views],
+        None => {
+            let of_view = |images: &[Image]| solution.exposure(&images[0]);
+            images.chunks(images.len() / views).map(of_view).collect()
+        }
+    }
+}
+
+/// `exposures` has one per view.
+fn encode(pictures: &[Picture], images: &[Image], exposures: &[f32]) -> Result<Vec<Output>> {
+    let shadings = pictures.len() / exposures.len();
+    let encode = |(k, (picture, image)): (usize, (&Picture, &Image))| {
+        let bytes = picture.format.encode(image, exposures[k / shadings])?;
+        Ok(Output { path: picture.path.clone(), bytes })
+    };
+    pictures.iter().zip(images).enumerate().map(encode).collect()
 }

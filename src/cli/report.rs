@@ -1,6 +1,7 @@
 //! The report of a run: a few lines for people, a JSON file for programs.
 
 use crate::color::Rgb64;
+use crate::error::Warning;
 use crate::memory;
 use crate::plan::Spent;
 use crate::radiosity::Energy;
@@ -33,8 +34,13 @@ pub(super) struct Report {
     /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `null` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: EnergyBalance,
-    /// `null` where nothing was drawn.
+    /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means.
+    pub imbalance: f64,
+    /// That of the first picture; `null` where nothing was drawn.
     pub exposure: Option<f32>,
+    /// One per view, where these differ.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub exposures: Vec<f32>,
     pub files: Vec<String>,
     #[serde(skip)]
     pub automatic_exposure: bool,
@@ -60,6 +66,9 @@ pub(super) struct EnergyBalance {
     on_backs: Option<[f64; 3]>,
     escaped: [f64; 3],
 }
+
+/// A larger share of the power than this should not be missing, or there too often.
+const BALANCED: f64 = 0.02;
 
 impl Seconds {
     /// Before anything is drawn. What is covered is found for the pictures' sake.
@@ -110,7 +119,9 @@ impl Report {
             mean_row_sum_defect: solution.figures.mean_row_sum_defect,
             reciprocity_defect: solution.figures.reciprocity_defect,
             energy: (*energy).into(),
+            imbalance: energy.imbalance(),
             exposure: None,
+            exposures: Vec::new(),
             files: files.into_iter().map(|path| path.to_string_lossy().into()).collect(),
             automatic_exposure: false,
         }
@@ -120,6 +131,17 @@ impl Report {
         let mut text = serde_json::to_string_pretty(self).expect("plain numbers and strings");
         text.push('\n');
         text.into_bytes()
+    }
+
+    /// Says so if the power does not balance. What is off is noise, or light where no patches are.
+    pub(super) fn warning(&self) -> Option<Warning> {
+        (self.imbalance.abs() > BALANCED).then(|| {
+            Warning::new(format!(
+                "the power does not balance by {:+.1} %: take more samples (--samples, --direct) or smaller \
+                 patches (--max-edge)",
+                100.0 * self.imbalance
+            ))
+        })
     }
 
     /// The few lines that end a run.
@@ -162,6 +184,7 @@ impl Report {
             line("on backs", watts(power));
         }
         line("escaped", watts(self.energy.escaped));
+        line("balance", format!("{:+.3} %", 100.0 * self.imbalance));
         line(
             "rays",
             format!(
@@ -183,7 +206,9 @@ impl Report {
         }
         if let Some(exposure) = self.exposure {
             let how = if self.automatic_exposure { " (automatic)" } else { "" };
-            line("exposure", format!("{exposure:.4}{how}"));
+            let all = if self.exposures.is_empty() { &[exposure] } else { &self.exposures[..] };
+            let all: Vec<String> = all.iter().map(|exposure| format!("{exposure:.4}")).collect();
+            line("exposure", format!("{}{how}", all.join(", ")));
         }
         for file in &self.files {
             line("wrote", file.clone());

@@ -67,6 +67,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
         files.push(Output { path: path.clone(), bytes: report.to_json() });
     }
     write_all(files)?;
+    warn(report.warning().as_slice());
     say(&report.to_text());
     Ok(())
 }

@@ -3,12 +3,14 @@
 use super::Image;
 use crate::color::{luminance, srgb_encode};
 
-/// The exposure at which the 95th percentile of the luminance of what reflects is 0.8 of white: only lamps
-/// and what is near them clip. If nothing reflects, what shines counts; 1 for a black image.
-pub(crate) fn automatic_exposure(image: &Image) -> f32 {
-    let mut lit: Vec<f32> = image.reflecting.iter().copied().filter(|l| *l > 0.0).collect();
+/// The exposure of some images at which the 95th percentile of the luminance of what reflects is 0.8 of white:
+/// only lamps and what is near them clip. If nothing reflects, what shines counts; 1 for black images.
+pub(crate) fn automatic_exposure(images: &[&Image]) -> f32 {
+    let reflecting = images.iter().flat_map(|image| &image.reflecting);
+    let mut lit: Vec<f32> = reflecting.copied().filter(|l| *l > 0.0).collect();
     if lit.is_empty() {
-        lit = image.pixels.iter().map(|p| luminance(*p)).filter(|l| *l > 0.0).collect();
+        let pixels = images.iter().flat_map(|image| &image.pixels);
+        lit = pixels.map(|p| luminance(*p)).filter(|l| *l > 0.0).collect();
     }
     if lit.is_empty() {
         return 1.0;
@@ -41,7 +43,7 @@ mod tests {
 
     #[test]
     fn a_lamp_does_not_darken_the_room() {
-        let exposure = |values: &[(f32, bool)]| automatic_exposure(&image(values));
+        let exposure = |values: &[(f32, bool)]| automatic_exposure(&[&image(values)]);
         let mut values = vec![(2.0, false); 99];
         values.push((1000.0, true));
         assert!((exposure(&values) - 0.4).abs() < 1e-6);
@@ -52,6 +54,8 @@ mod tests {
         values.extend([(0.01, true); 100]);
         assert!((exposure(&values) - 0.4).abs() < 1e-6);
         assert!((exposure(&[(1000.0, true); 4]) - 0.0008).abs() < 1e-9);
+        let [dark, bright] = [1.0, 2.0].map(|value| image(&[(value, false); 9]));
+        assert_eq!(automatic_exposure(&[&dark, &bright]), 0.4, "several images have one");
     }
 
     #[test]

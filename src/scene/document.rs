@@ -293,6 +293,11 @@ impl Document {
         replaced.map(|(name, _)| name.clone()).collect()
     }
 
+    /// Whether it says what shines.
+    pub(super) fn names_lamps(&self) -> bool {
+        !self.emissions.is_empty() || self.materials.values().any(|m| m.radiance.is_some())
+    }
+
     /// Replaces what `[materials.NAME]` tables say.
     ///
     /// # Errors

@@ -146,6 +146,7 @@ impl Scene {
         let load = |path: &PathBuf| read::load(path, |name| replaced.contains(name));
         let models = description.models.iter().map(load).collect::<Result<Vec<Model>>>()?;
         let origin = origin_of(&models);
+        let has_surroundings = models.iter().all(|model| model.has_surroundings);
         let stated_up = models.iter().find_map(|model| model.up);
         let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
         let (mut mesh, mut textures) = (Mesh::default(), vec![]);
@@ -184,7 +185,10 @@ impl Scene {
             warnings.push(upright::said(scene.up));
         }
         scene.textures = textures.into();
-        scene.sky = description.sky.unwrap_or(if scene.emits() { Rgb::ZERO } else { Rgb::ONE });
+        // A model's visor or display glows, and lights nothing else.
+        let only_glows = has_surroundings && !description.names_lamps() && !scene.shines();
+        let is_lit = scene.emits() && !only_glows;
+        scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
         scene.origin = origin;
         scene.metres_per_unit = description.metres_per_unit;
         if scene.degenerate > 0 {
@@ -244,8 +248,18 @@ impl Scene {
 
     /// Whether any triangle emits light.
     pub fn emits(&self) -> bool {
+        self.used_materials().any(Material::emits)
+    }
+
+    /// Whether any triangle emits more than white reflects under a sky of radiance 1.
+    fn shines(&self) -> bool {
+        self.used_materials().any(|material| material.radiance.max_element() > 1.0)
+    }
+
+    /// The materials of fronts and backs, triangle by triangle.
+    fn used_materials(&self) -> impl Iterator<Item = &Material> {
         let used = self.material_of.iter().chain(self.back_of.iter().flatten());
-        used.into_iter().any(|m| self.materials[m.0 as usize].emits())
+        used.map(|material| &self.materials[material.0 as usize])
     }
 
     /// Makes one sheet of triangles that lie exactly where others do.
@@ -331,9 +345,11 @@ fn nothing_emits(scene: &Scene) -> Warning {
         }
         None => "; or let a material shine: --emit MATERIAL=RADIANCE".to_string(),
     };
-    Warning::new(format!(
-        "nothing in the scene emits light, so a sky of radiance 1 lights it (another: --sky){example}"
-    ))
+    let why = match scene.emits() {
+        true => "what glows in the scene is not brighter than white paper",
+        false => "nothing in the scene emits light",
+    };
+    Warning::new(format!("{why}, so a sky of radiance 1 lights it (another: --sky){example}"))
 }
 
 fn looks_like_lamp(material: &Material) -> bool {

@@ -30,6 +30,8 @@ pub(crate) struct Model {
     pub warnings: Vec<Warning>,
     /// The file's own cameras by name, in its order.
     pub views: Vec<(String, Camera)>,
+    /// Whether the format's viewers light every model from all around, so that what glows in it need not.
+    pub has_surroundings: bool,
     /// The direction that the format says is up, or `None` where it leaves that open.
     pub up: Option<Vec3>,
 }

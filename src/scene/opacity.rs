@@ -14,8 +14,7 @@ impl Material {
 impl Scene {
     /// Whether light may go straight through any triangle.
     pub(crate) fn is_see_through(&self) -> bool {
-        let used = self.material_of.iter().chain(self.back_of.iter().flatten());
-        used.into_iter().any(|m| self.materials[m.0 as usize].is_see_through())
+        self.used_materials().any(Material::is_see_through)
     }
 
     /// Whether something else than the first triangle that a ray meets may be seen.

@@ -5,6 +5,7 @@ mod cli;
 #[cfg(feature = "embree")]
 mod equivalence;
 mod form_factor;
+mod overlaps;
 mod radiosity;
 mod render;
 mod scenery;

@@ -60,8 +60,8 @@ pub(super) fn run(
         .compare(&pair, &Bars::new())
         .map_err(|error| error.in_file_if_none(&description.file))?;
 
-    let exposure =
-        description.image.exposure.unwrap_or_else(|| tone::automatic_exposure(&comparison.smooth));
+    let automatic = || tone::automatic_exposure(&[&comparison.smooth]);
+    let exposure = description.image.exposure.unwrap_or_else(automatic);
     let bytes = Format::of(path)?.encode(&comparison.difference_image(exposure), exposure)?;
     let summary = comparison.summary;
     let report = PipelineReport { peer: peer.name, patches: mesh.len(), summary };

@@ -68,6 +68,7 @@ fn read(path: &Path, bytes: &[u8]) -> Result<Model> {
         files: files.read,
         warnings,
         views,
+        has_surroundings: true,
         up: Some(Vec3::Y),
     })
 }

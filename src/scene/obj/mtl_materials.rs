@@ -153,9 +153,14 @@ impl Judge<'_> {
         }
     }
 
-    /// `d`, or else 1 − `Tr`, or else 1.
+    /// `d`, or else 1 − `Tr`, or else 1. Some exporters (MeshLab) write `Tr 1` for what is opaque.
     fn opacity(&mut self) -> (f32, Option<Map>) {
-        let opacity = self.entry.d.or(self.entry.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
+        let is_solid = self.entry.d.is_none() && self.entry.tr == Some(1.0);
+        if is_solid {
+            self.notes.add(Kind::SolidTr, self.file, self.entry.line, &self.entry.name);
+        }
+        let tr = self.entry.tr.filter(|_| !is_solid);
+        let opacity = self.entry.d.or(tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
         let opacity = opacity.clamp(0.0, 1.0);
         if opacity < 1.0 {
             self.notes.add(Kind::Clear, self.file, self.entry.line, &self.entry.name);
@@ -260,6 +265,14 @@ mod tests {
             assert_eq!(material.opacity, opacity, "{text}");
             assert_eq!(warnings.len(), usize::from(opacity < 1.0), "{warnings:?}");
         }
+    }
+
+    #[test]
+    fn tr_1_alone_is_solid() {
+        let (material, warnings) = judge("Kd 1\nTr 1", USED);
+        assert_eq!(material.opacity, 1.0);
+        assert!(warnings[0].starts_with("a.mtl:1: Tr 1 without d"), "{warnings:?}");
+        assert_eq!(judge("Kd 1\nTr 1\nd 0", USED).0.opacity, 0.0);
     }
 
     #[test]

@@ -15,6 +15,7 @@ pub(super) enum Kind {
     BadKe,
     Metal,
     Clear,
+    SolidTr,
     MissingPicture,
     BadPicture,
     OutsidePicture,
@@ -30,6 +31,9 @@ impl Kind {
             Kind::BadKe => "Ke is malformed, negative or enormous: taken as 0, or as 1e12",
             Kind::Metal => "mirrors and metals (Kd 0 with Ks) reflect Ks diffusely",
             Kind::Clear => "light goes straight through the share 1 - d (d, Tr), without bending",
+            Kind::SolidTr => {
+                "Tr 1 without d is taken as solid: by the format nothing of it would be seen"
+            }
             Kind::MissingPicture => "no such picture: Kd is used alone, or 0.5 where it is 0",
             Kind::BadPicture => "cannot read the picture: Kd is used alone, or 0.5 where it is 0",
             Kind::OutsidePicture => "a picture outside the material file's folder was read",

@@ -4,7 +4,7 @@ use super::Judge;
 use super::seen::Rule;
 use crate::geometry::{Hit, Ray, TriangleId};
 use crate::verify::bounds::{Arithmetic, Bounds};
-use crate::verify::contact::{Contact, Miss};
+use crate::verify::contact::{Contact, Examined, Miss};
 use crate::verify::cramer::Cramer;
 use crate::verify::referee::Met;
 use std::cmp::Ordering;
@@ -202,9 +202,10 @@ impl Judge<'_> {
     /// Whether rounding may have made a hit of a miss: near the ray first, then everywhere.
     fn may_hit_anything(&self, ray: &Ray, arithmetic: Arithmetic) -> bool {
         let may_hit = |id| {
-            let examined = self.referee.examine(ray, id);
-            examined.contact != Contact::Miss(Miss::NotFinite)
-                && self.bounds(ray, arithmetic, id, &examined.cramer).may_hit(ray)
+            let Examined { contact, cramer } = self.referee.examine(ray, id);
+            contact != Contact::Miss(Miss::NotFinite)
+                && self.bounds(ray, arithmetic, id, &cramer).may_hit(ray)
+                && self.stops(ray, &Met { triangle: id, contact, cramer }, arithmetic) != Rule::No
         };
         [FIRST_SEARCH, f64::INFINITY]
             .into_iter()

@@ -2,6 +2,7 @@ use super::*;
 use crate::geometry::moller_trumbore::determinants;
 use crate::geometry::{BruteForce, Kernel, MollerTrumbore, Plane, RayCaster};
 use crate::sampling::{PointSet, Purpose, Stream};
+use crate::scene::{Material, MaterialId, Scene};
 use crate::verify::contact::{Contact, Miss};
 use glam::Vec3;
 
@@ -346,4 +347,57 @@ fn every_mutant_is_wrong() {
     }
     let farthest = count_wrong(Arithmetic::MollerTrumbore, &MollerTrumbore::intersect, false);
     assert!(farthest > 0, "the farthest hit goes unnoticed");
+}
+
+/// A floor and a smaller sheet in its plane, each of its own material, over a third plane; everything reflects on
+/// both sides.
+fn overlapping(materials: [Material; 3]) -> Scene {
+    let sheet = |x: f32, z: f32, size: f32| {
+        Triangle { p: [Vec3::new(x, x, z), Vec3::new(x + size, x, z), Vec3::new(x, x + size, z)] }
+    };
+    let triangles = vec![sheet(0.0, 0.0, 4.0), sheet(0.25, 0.0, 1.0), sheet(-1.0, -1.0, 9.0)];
+    Scene::new(triangles, (0..3).map(MaterialId).collect(), materials.into())
+}
+
+fn of_scene(scene: &Scene) -> Judge<'_> {
+    Judge::of_scene(scene, Arithmetic::MollerTrumbore, Arithmetic::EmbreeDefault)
+}
+
+#[test]
+fn of_two_sheets_in_one_plane_that_which_is_seen_is_right_and_the_other_wrong() {
+    let scene = overlapping([(); 3].map(|_| Material::fallback()));
+    let (judge, triangles) = (of_scene(&scene), &scene.triangles);
+    for ray in [down(0.5, 0.5), Ray::new(Vec3::new(0.5, 0.5, -0.5), Vec3::Z)] {
+        let [floor, sheet] = [0, 1].map(|index| hit(triangles, &ray, index));
+        assert_eq!(judge.nearest(&ray, sheet, floor).verdict, Verdict::PeerWrong);
+        assert_eq!(judge.nearest(&ray, floor, sheet).verdict, Verdict::NativeWrong);
+        assert_eq!(judge.settle_nearest(&ray, floor, floor).verdict, Verdict::BothWrong);
+        assert_eq!(judge.settle_nearest(&ray, sheet, sheet).verdict, Verdict::Agree);
+        assert_eq!(judge.settle_nearest(&ray, None, sheet).verdict, Verdict::NativeWrong);
+    }
+    // Beside the sheet there is the floor alone, and the sheet's rim may be met or not.
+    let beside = down(3.0, 0.5);
+    let floor = hit(triangles, &beside, 0);
+    assert_eq!(judge.settle_nearest(&beside, floor, floor).verdict, Verdict::Agree);
+    let rim = down(0.25, 0.5);
+    let [floor, sheet] = [0, 1].map(|index| hit(triangles, &rim, index));
+    assert_eq!(judge.nearest(&rim, sheet, floor).verdict, Verdict::Touching);
+}
+
+#[test]
+fn where_a_surface_is_open_a_hit_is_wrong_and_what_lies_behind_is_right() {
+    let opacity = |opacity| Material { opacity, ..Material::fallback() };
+    let scene = overlapping([opacity(1.0), opacity(0.0), opacity(1.0)]);
+    let (judge, triangles, ray) = (of_scene(&scene), &scene.triangles, down(0.5, 0.5));
+    let [floor, sheet, behind] = [0, 1, 2].map(|index| hit(triangles, &ray, index));
+    assert_eq!(judge.nearest(&ray, floor, sheet).verdict, Verdict::PeerWrong);
+    assert_eq!(judge.settle_nearest(&ray, floor, floor).verdict, Verdict::Agree);
+    assert_eq!(judge.nearest(&ray, behind, floor).verdict, Verdict::NativeWrong);
+
+    let scene = overlapping([opacity(0.0), opacity(0.0), opacity(0.0)]);
+    let judge = of_scene(&scene);
+    assert_eq!(judge.settle_nearest(&ray, None, None).verdict, Verdict::Agree);
+    assert_eq!(judge.nearest(&ray, None, behind).verdict, Verdict::PeerWrong);
+    assert_eq!(judge.occluded(&ray, false, true).verdict, Verdict::PeerWrong);
+    assert_eq!(judge.settle_occluded(&ray, false, false).verdict, Verdict::Agree);
 }
