@@ -1,6 +1,6 @@
 //! Failures, reported so that the reader can fix them: where, why, and what to do.
 
-use std::fmt;
+use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// A failure of the user's input or surroundings: `file:line: cause`, then the remedy. Where a file has
@@ -122,6 +122,7 @@ impl Error {
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let f = &mut Escaped(f);
         write_place(f, self.file.as_deref(), self.line)?;
         f.write_str(&self.cause)?;
         if let Some(remedy) = &self.remedy {
@@ -151,16 +152,26 @@ impl Warning {
 
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let f = &mut Escaped(f);
         write_place(f, self.file.as_deref(), self.line)?;
         f.write_str(&self.text)
     }
 }
 
-fn write_place(
-    f: &mut fmt::Formatter<'_>,
-    file: Option<&Path>,
-    line: Option<usize>,
-) -> fmt::Result {
+/// Paths, names and words of a file are part of messages: their control characters must not reach a terminal.
+struct Escaped<'f, 'a>(&'f mut fmt::Formatter<'a>);
+
+impl fmt::Write for Escaped<'_, '_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        text.chars().try_for_each(|c| match c {
+            '\n' => self.0.write_char(c),
+            _ if c.is_control() => write!(self.0, "{}", c.escape_default()),
+            _ => self.0.write_char(c),
+        })
+    }
+}
+
+fn write_place(f: &mut Escaped<'_, '_>, file: Option<&Path>, line: Option<usize>) -> fmt::Result {
     match (file, line) {
         (Some(file), Some(line)) => write!(f, "{}:{line}: ", file.display()),
         (Some(file), None) => write!(f, "{}: ", file.display()),
@@ -183,6 +194,15 @@ mod tests {
             "room.obj:7: a face needs 3 vertices, this one has 2\n  \
              help: delete the line or complete the face"
         );
+    }
+
+    #[test]
+    fn no_message_speaks_to_the_terminal() {
+        let place = Path::new("ä\u{1b}[31m\\b.obj");
+        let error = Error::new("no `\u{7}`").in_file(place).remedy("do\r this");
+        assert_eq!(error.to_string(), "ä\\u{1b}[31m\\b.obj: no `\\u{7}`\n  help: do\\r this");
+        let warning = Warning::in_file(place, Some(3), "\u{9b}");
+        assert_eq!(warning.to_string(), "ä\\u{1b}[31m\\b.obj:3: \\u{9b}");
     }
 
     #[test]

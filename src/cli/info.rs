@@ -89,18 +89,19 @@ fn describe(title: &str, scene: &Scene) -> String {
     if facts.objects > 0 {
         let _ = writeln!(text, "  objects     {}", facts.objects);
     }
-    let width = scene.materials.iter().map(|m| m.name.chars().count()).max().unwrap_or(0).max(8);
+    let names: Vec<String> = scene.materials.iter().map(|m| shown(&m.name)).collect();
+    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let _ = writeln!(
         text,
         "\n  {:width$}  {:>9}  {:>12}  {:22}  {:22}  power (W)",
         "material", "triangles", "area", "reflectance", "radiance"
     );
-    for (material, used) in scene.materials.iter().zip(&facts.materials) {
+    for ((material, name), used) in scene.materials.iter().zip(&names).zip(&facts.materials) {
         let sides = if material.two_sided { "  two-sided" } else { "" };
         let _ = writeln!(
             text,
             "  {:width$}  {:>9}  {:>12.4}  {:22}  {:22}  {}{sides}",
-            material.name,
+            name,
             used.triangles,
             used.area,
             channels(material.reflectance.as_dvec3()),
@@ -109,6 +110,14 @@ fn describe(title: &str, scene: &Scene) -> String {
         );
     }
     text
+}
+
+/// A name of a file for a column: it must not speak to the terminal, and one long name must not pad all others.
+fn shown(name: &str) -> String {
+    const LONGEST: usize = 60;
+    let escaped = name.escape_debug();
+    let ellipsis = if escaped.clone().nth(LONGEST).is_some() { "…" } else { "" };
+    escaped.take(LONGEST).collect::<String>() + ellipsis
 }
 
 fn channels(rgb: crate::color::Rgb64) -> String {
