@@ -10,6 +10,7 @@ mod radiosity;
 mod render;
 mod scenery;
 mod scenes;
+mod shipped;
 mod snapshots;
 mod structure;
 mod verify;
