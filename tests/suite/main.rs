@@ -6,6 +6,7 @@ mod cli;
 mod equivalence;
 mod form_factor;
 mod overlaps;
+mod formats;
 mod radiosity;
 mod render;
 mod scenery;
