@@ -1,6 +1,7 @@
 //! What the library and the program do as a whole: one binary, a module for each module of `src`.
 
 mod bench;
+mod cases;
 mod cli;
 #[cfg(feature = "embree")]
 mod equivalence;
