@@ -1,5 +1,6 @@
 //! What the library and the program do as a whole: one binary, a module for each module of `src`.
 
+mod bad_input;
 mod bench;
 mod cases;
 mod cli;

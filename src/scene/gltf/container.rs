@@ -30,13 +30,19 @@ const KNOWN: [&str; 8] = [
 
 /// The JSON of the model, and its binary chunk if it has one.
 pub(super) fn read_root(bytes: &[u8]) -> Result<(Root, Option<&[u8]>)> {
-    let (json, binary) = match bytes.starts_with(b"glTF") {
+    let is_binary = bytes.starts_with(b"glTF");
+    let (json, binary) = match is_binary {
         true => split(bytes)?,
         false => (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None),
     };
     let malformed = |error: serde_json::Error| {
-        let here = Error::new(format!("the JSON is malformed: {}", quote(&error.to_string())));
-        let here = if binary.is_none() { here.at_line(error.line()) } else { here };
+        let text = error.to_string();
+        // Its own place is at the end, where a long text would be cut off.
+        let cause = text.split(" at line ").next().unwrap_or_default();
+        let column = error.column();
+        let here =
+            Error::new(format!("the JSON is malformed at column {column}: {}", quote(cause)));
+        let here = if is_binary { here } else { here.at_line(error.line()) };
         here.remedy("export the model again")
     };
     // Other versions have other JSON.

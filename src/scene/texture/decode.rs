@@ -2,7 +2,7 @@
 
 use super::{MAX_BYTES, MAX_SIDE, Texture, Wrap};
 use crate::error::{Error, Result};
-use image::{DynamicImage, ImageFormat, ImageReader, Limits};
+use image::{DynamicImage, ImageError, ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -65,7 +65,11 @@ fn is_cut_short(bytes: &[u8]) -> bool {
     last([0xff, 0xd9]) < last([0xff, 0xda])
 }
 
-fn unreadable(error: &image::ImageError) -> Error {
+fn unreadable(error: &ImageError) -> Error {
+    if matches!(error, ImageError::Limits(_)) {
+        return Error::new("the picture is too large: 8192 × 8192 pixels are the most")
+            .remedy("scale it down");
+    }
     Error::new(format!("the picture is damaged or was cut short: {error}"))
         .remedy("open it in an image viewer and save it again")
 }
