@@ -19,6 +19,7 @@ use super::triangulate::Triangulator;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::scene::text::{decode, read_bytes};
+use glam::DVec3;
 use mtl_files::read_library;
 use mtl_materials::{Materials, Role, materials};
 use mtl_reader::Library;
@@ -86,7 +87,7 @@ fn cut(obj: ObjFile) -> Model {
     let (mut texture, mut normals) = (Vec::new(), Vec::new());
     let mut triangulator = Triangulator::new();
     let (mut polygon, mut cuts) = (Vec::new(), Vec::new());
-    let mut copies = Copies::default();
+    let mut copies = Copies { positions: &obj.positions, first: HashMap::new() };
     let mut rest = obj.corners.as_slice();
     for (number, face) in (1..).zip(&obj.faces) {
         let (corners, others) = rest.split_at(face.arity);
@@ -101,7 +102,7 @@ fn cut(obj: ObjFile) -> Model {
         cuts.clear();
         triangulator.triangulate(&polygon, &mut cuts);
         if !std::ptr::eq(ring, corners) {
-            translate(&mut cuts, ring, corners);
+            copies.translate(&mut cuts, ring, corners);
         }
         for cut in &cuts {
             triangles.push(cut.map(|k| corners[k].position - 1));
@@ -121,39 +122,50 @@ fn cut(obj: ObjFile) -> Model {
     Model { positions: obj.positions, triangles, mesh, ..Model::default() }
 }
 
-/// Polygons by their sets of vertices, to find those that are there twice, as the two sides of a sheet are.
-#[derive(Default)]
-struct Copies<'o>(HashMap<u64, &'o [Corner]>);
+/// Polygons by the places of their corners, to find those that are there twice, as the two sides of a sheet are.
+/// Either side may have vertices of its own.
+struct Copies<'o> {
+    positions: &'o [DVec3],
+    first: HashMap<u64, &'o [Corner]>,
+}
 
 impl<'o> Copies<'o> {
-    /// The first polygon with the vertices of this one: itself if there was none.
+    /// The first polygon with the corners of this one: itself if there was none.
     fn first_like(&mut self, corners: &'o [Corner]) -> &'o [Corner] {
         if corners.len() == 3 {
             return corners;
         }
+        let places = self.places(corners);
         let mut hasher = DefaultHasher::new();
-        sorted_positions(corners).hash(&mut hasher);
-        let first = *self.0.entry(hasher.finish()).or_insert(corners);
-        if sorted_positions(first) == sorted_positions(corners) { first } else { corners }
+        places.hash(&mut hasher);
+        let first = *self.first.entry(hasher.finish()).or_insert(corners);
+        if self.places(first) == places { first } else { corners }
     }
-}
 
-fn sorted_positions(corners: &[Corner]) -> Vec<u32> {
-    let mut positions: Vec<u32> = corners.iter().map(|corner| corner.position).collect();
-    positions.sort_unstable();
-    positions
-}
+    /// In an order of their own.
+    fn places(&self, corners: &[Corner]) -> Vec<[u64; 3]> {
+        let mut places: Vec<[u64; 3]> = corners.iter().map(|corner| self.place(corner)).collect();
+        places.sort_unstable();
+        places
+    }
 
-/// Makes of cuts of the ring `from` cuts of the ring `to`, which has the same vertices.
-fn translate(cuts: &mut [[usize; 3]], from: &[Corner], to: &[Corner]) {
-    let place = |position: u32| to.iter().position(|corner| corner.position == position);
-    let to_place = |k: usize| place(from[k].position).expect("a vertex of both");
-    let next = (to_place(0) + 1) % to.len();
-    let is_reversed = to[next].position != from[1].position;
-    for cut in cuts {
-        *cut = cut.map(to_place);
-        if is_reversed {
-            cut.swap(1, 2);
+    /// The bits of a corner's position; adding zero makes -0 a 0.
+    fn place(&self, corner: &Corner) -> [u64; 3] {
+        let position = self.positions[corner.position as usize - 1] + DVec3::ZERO;
+        position.to_array().map(f64::to_bits)
+    }
+
+    /// Makes of cuts of the ring `from` cuts of the ring `to`, which has the same places.
+    fn translate(&self, cuts: &mut [[usize; 3]], from: &[Corner], to: &[Corner]) {
+        let found = |place| to.iter().position(|corner| self.place(corner) == place);
+        let counterpart = |k: usize| found(self.place(&from[k])).expect("a place of both");
+        let next = (counterpart(0) + 1) % to.len();
+        let is_reversed = self.place(&to[next]) != self.place(&from[1]);
+        for cut in cuts {
+            *cut = cut.map(counterpart);
+            if is_reversed {
+                cut.swap(1, 2);
+            }
         }
     }
 }
@@ -164,7 +176,6 @@ mod tests {
 
     use super::*;
     use crate::color::Rgb;
-    use glam::DVec3;
 
     const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
@@ -258,6 +269,20 @@ mod tests {
                 (b - a).cross(c - a).z
             };
             assert!((0..2).all(|k| normal(k) > 0.0) && (2..4).all(|k| normal(k) < 0.0));
+        }
+    }
+
+    #[test]
+    fn so_are_sides_that_have_vertices_of_their_own() {
+        let vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n".repeat(2);
+        for back in ["8 7 6 5", "7 6 5 8", "6 5 8 7", "5 8 7 6"] {
+            let (model, _) = load_obj(&format!("{vertices}f 1 2 3 4\nf {back}\n")).unwrap();
+            let places = |k: usize| corners(&model, k).map(|p| (p.x as u8, p.y as u8));
+            let mut sets = [0, 1, 2, 3].map(places);
+            sets.iter_mut().for_each(|set| set.sort_unstable());
+            sets.sort_unstable();
+            assert!(sets[0] == sets[1] && sets[2] == sets[3], "{back}: {:?}", model.triangles);
+            assert!(model.triangles[2..].as_flattened().iter().all(|corner| *corner >= 4));
         }
     }
 
