@@ -18,7 +18,7 @@ fn open(file: &str) -> (Document, Scene) {
     (document, scene)
 }
 
-fn material_of<'m>(mesh: &'m PatchMesh, patch: PatchId) -> &'m str {
+fn material_of(mesh: &PatchMesh, patch: PatchId) -> &str {
     &mesh.scene.materials[mesh.side(patch).material.0 as usize].name
 }
 
