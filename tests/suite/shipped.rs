@@ -107,8 +107,9 @@ fn half_of_the_light_that_reaches_the_screen_passes_it() {
     let shares: Vec<f64> =
         (1..=8).map(|seed| below(&pierced, seed) / below(&taken_away, seed)).collect();
     let share = Measured::from_repetitions(&shares);
+    println!("through the screen: {share:?}");
     assert!(share.standard_error < 2e-3, "{shares:?}");
-    // Once in some hundred thousand sets of seeds it is farther away, by Student's t with 7 degrees of freedom.
+    // Once in some fifty thousand sets of seeds it is farther away, by Student's t with 7 degrees of freedom.
     assert!(share.errors_from(0.5).abs() < 10.0, "{share:?} {shares:?}");
 }
 
