@@ -45,9 +45,8 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
         let inside = best(&inside, count);
         let from_outside = |(seen, _): &(Seen, Camera)| mostly(count(seen), seen.hits);
         let from_inside = |(seen, _): &(Seen, Camera)| mostly(count(seen), GRID * GRID);
-        let dark = |(seen, _): &(Seen, Camera)| {
-            (seen.hits - count(seen)) as f64 / seen.hits.max(1) as f64
-        };
+        let dark =
+            |(seen, _): &(Seen, Camera)| (seen.hits - count(seen)) as f64 / seen.hits.max(1) as f64;
         // Into a room that is open at one side the straight view looks past the dark outsides of its walls.
         let is_clearer = dark(&corner) > 0.2 && dark(&straight) < 0.5 * dark(&corner);
         let order = if is_clearer { [straight, corner] } else { [corner, straight] };

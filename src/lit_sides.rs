@@ -15,8 +15,11 @@ use crate::scene::groups::Groups;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Walks from sides that hang together: at least this many, and more from large meshes.
+/// Walks from sides that hang together: this many, and more from large meshes.
 const WALKS: usize = 256;
+/// If there are many loose parts, all of them share this many walks, but each has some.
+const WALKS_OF_ALL: usize = 1 << 18;
+const FEWEST_WALKS: usize = 16;
 /// Bounces of a walk. In a maze light goes around more corners, and grows dim.
 const BOUNCES: u32 = 8;
 
@@ -29,9 +32,10 @@ pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec
     }
     let mut sides = Sides::of_all(scene);
     leave_out_hidden(scene, &mut sides);
-    let search = Search { scene, caster, lights: &lights, seed, sides: &sides };
-    let dark: Vec<Vec<usize>> =
-        connected(scene, &sides).into_par_iter().filter(|part| !search.is_lit(part)).collect();
+    let parts = connected(scene, &sides);
+    let walks = (WALKS_OF_ALL / parts.len().max(1)).clamp(FEWEST_WALKS, WALKS);
+    let search = Search { scene, caster, lights: &lights, seed, sides: &sides, walks };
+    let dark: Vec<Vec<usize>> = parts.into_par_iter().filter(|part| !search.is_lit(part)).collect();
     for side in dark.into_iter().flatten() {
         let (triangle, is_back) = side_of(side);
         let sides = &mut sides[triangle.index()];
@@ -93,6 +97,8 @@ struct Search<'a> {
     lights: &'a [&'a dyn Light],
     seed: u64,
     sides: &'a [Sides],
+    /// From a small part.
+    walks: usize,
 }
 
 impl Search<'_> {
@@ -101,7 +107,7 @@ impl Search<'_> {
             let (triangle, is_back) = side_of(side);
             self.scene.radiance_on(triangle, is_back) != Vec3::ZERO
         };
-        let walks = WALKS + part.len() / 16;
+        let walks = self.walks + part.len() / 16;
         part.iter().any(emits)
             || (0..walks).any(|walk| {
                 // Spread over the part, however many sides it has.

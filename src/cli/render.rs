@@ -129,13 +129,17 @@ impl Run<'_> {
         seconds.total = self.start.elapsed().as_secs_f64();
 
         let files = pictures.iter().map(|picture| picture.path.as_path());
-        let is_given =
-            matches!(arguments.exposure, Some(Exposure::Factor(_))) || solution.image.exposure.is_some();
+        let is_given = matches!(arguments.exposure, Some(Exposure::Factor(_)))
+            || solution.image.exposure.is_some();
         let report = Report {
             exposure: Some(exposures[0]),
             automatic_exposure: !is_given,
             rays: light_rays + frame.rays() * views as u64,
-            exposures: if exposures.iter().any(|e| *e != exposures[0]) { exposures } else { vec![] },
+            exposures: if exposures.iter().any(|e| *e != exposures[0]) {
+                exposures
+            } else {
+                vec![]
+            },
             ..Report::new(solution, seconds, files)
         };
         if let Some(path) = &arguments.run.stats {

@@ -19,6 +19,7 @@ mod opacity;
 pub mod overlaps;
 mod ply;
 mod read;
+mod shown;
 mod sniff;
 mod stl;
 pub(crate) mod text;
@@ -207,7 +208,7 @@ impl Scene {
         scene.files = files;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
-        scene.warnings.extend(scene.overlaps().warning(&scene));
+        scene.warnings.extend(scene.overlap_warning());
         Ok(scene)
     }
 

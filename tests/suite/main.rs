@@ -7,8 +7,8 @@ mod cli;
 #[cfg(feature = "embree")]
 mod equivalence;
 mod form_factor;
-mod overlaps;
 mod formats;
+mod overlaps;
 mod radiosity;
 mod render;
 mod scenery;

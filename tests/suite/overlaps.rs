@@ -19,7 +19,8 @@ fn room(pieces: Vec<Piece>, place: fn(Vec<Triangle>) -> Vec<Triangle>) -> Scene 
 }
 
 fn carpet() -> Piece {
-    Piece::new(square(Vec3::new(-1.1, 0.0, -0.7), Vec3::Z * 1.3, Vec3::X * 1.7)).reflecting(grey(0.1))
+    Piece::new(square(Vec3::new(-1.1, 0.0, -0.7), Vec3::Z * 1.3, Vec3::X * 1.7))
+        .reflecting(grey(0.1))
 }
 
 /// In the ceiling, facing down.

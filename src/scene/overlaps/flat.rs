@@ -4,10 +4,10 @@ use crate::geometry::Triangle;
 use glam::{DVec2, DVec3, Vec3};
 
 /// Corners in counter-clockwise order.
-pub(super) type Polygon = Vec<DVec2>;
+pub(in crate::scene) type Polygon = Vec<DVec2>;
 
 /// The axis of a normal's largest component.
-pub(super) fn axis_of(normal: Vec3) -> usize {
+pub(in crate::scene) fn axis_of(normal: Vec3) -> usize {
     let n = normal.abs();
     if n.x >= n.y && n.x >= n.z {
         0
@@ -19,7 +19,7 @@ pub(super) fn axis_of(normal: Vec3) -> usize {
 }
 
 /// A triangle seen along an axis.
-pub(super) fn seen_along(axis: usize, triangle: &Triangle) -> Polygon {
+pub(in crate::scene) fn seen_along(axis: usize, triangle: &Triangle) -> Polygon {
     let mut corners = triangle.p.map(|p| flatten(axis, p.as_dvec3())).to_vec();
     if signed_area(&corners) < 0.0 {
         corners.swap(1, 2);
@@ -27,12 +27,12 @@ pub(super) fn seen_along(axis: usize, triangle: &Triangle) -> Polygon {
     corners
 }
 
-pub(super) fn flatten(axis: usize, p: DVec3) -> DVec2 {
+pub(in crate::scene) fn flatten(axis: usize, p: DVec3) -> DVec2 {
     DVec2::new(p[(axis + 1) % 3], p[(axis + 2) % 3])
 }
 
 /// The coordinate along the axis of a triangle's plane at a point.
-pub(super) fn height_at(axis: usize, triangle: &Triangle, point: DVec2) -> f64 {
+pub(in crate::scene) fn height_at(axis: usize, triangle: &Triangle, point: DVec2) -> f64 {
     let p0 = triangle.p[0].as_dvec3();
     let n = triangle.double_area_normal();
     let away = point - flatten(axis, p0);
@@ -40,7 +40,11 @@ pub(super) fn height_at(axis: usize, triangle: &Triangle, point: DVec2) -> f64 {
 }
 
 /// (u, v) of the point of a triangle's plane that is seen at `point`; `None` beside the triangle.
-pub(super) fn barycentrics(axis: usize, triangle: &Triangle, point: Vec3) -> Option<[f32; 2]> {
+pub(in crate::scene) fn barycentrics(
+    axis: usize,
+    triangle: &Triangle,
+    point: Vec3,
+) -> Option<[f32; 2]> {
     let [a, b, c] = triangle.p.map(|p| flatten(axis, p.as_dvec3()));
     let p = flatten(axis, point.as_dvec3()) - a;
     let whole = (b - a).perp_dot(c - a);
@@ -49,12 +53,12 @@ pub(super) fn barycentrics(axis: usize, triangle: &Triangle, point: Vec3) -> Opt
 }
 
 /// The part of a polygon that lies in a convex one.
-pub(super) fn common(polygon: &[DVec2], with: &[DVec2]) -> Polygon {
+pub(in crate::scene) fn common(polygon: &[DVec2], with: &[DVec2]) -> Polygon {
     edges(with).fold(polygon.to_vec(), |rest, (a, b)| left_of(&rest, a, b))
 }
 
 /// The parts of a polygon that do not lie in a convex one.
-pub(super) fn without(polygon: Polygon, convex: &[DVec2]) -> Vec<Polygon> {
+pub(in crate::scene) fn without(polygon: Polygon, convex: &[DVec2]) -> Vec<Polygon> {
     if common(&polygon, convex).len() < 3 {
         return vec![polygon];
     }
@@ -69,11 +73,11 @@ pub(super) fn without(polygon: Polygon, convex: &[DVec2]) -> Vec<Polygon> {
     outside
 }
 
-pub(super) fn area(polygon: &[DVec2]) -> f64 {
+pub(in crate::scene) fn area(polygon: &[DVec2]) -> f64 {
     signed_area(polygon).max(0.0)
 }
 
-pub(super) fn perimeter(polygon: &[DVec2]) -> f64 {
+pub(in crate::scene) fn perimeter(polygon: &[DVec2]) -> f64 {
     edges(polygon).map(|(a, b)| a.distance(b)).sum()
 }
 
@@ -131,12 +135,17 @@ mod tests {
 
     #[test]
     fn a_plane_has_its_height() {
-        let triangle = Triangle::new(Vec3::ZERO, Vec3::new(1.0, 0.0, 2.0), Vec3::new(0.0, 1.0, 4.0));
+        let triangle =
+            Triangle::new(Vec3::ZERO, Vec3::new(1.0, 0.0, 2.0), Vec3::new(0.0, 1.0, 4.0));
         assert_eq!(axis_of(triangle.normal()), 1);
         for axis in [0, 1, 2] {
             let p = triangle.at(0.25, 0.5).as_dvec3();
             assert!((height_at(axis, &triangle, flatten(axis, p)) - p[axis]).abs() < 1e-12);
-            assert!((area(&seen_along(axis, &triangle)) - 0.5 * triangle.double_area_normal()[axis].abs()) < 1e-12);
+            assert!(
+                (area(&seen_along(axis, &triangle))
+                    - 0.5 * triangle.double_area_normal()[axis].abs())
+                    < 1e-12
+            );
         }
     }
 }

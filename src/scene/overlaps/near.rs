@@ -86,8 +86,7 @@ impl<F: Fn(u32, u32) -> bool + Sync> Join<'_, F> {
         }
         let many = a.len() > MANY;
         let (upper, copy) = (self.upper_half(&mut a), b.clone());
-        let (mut found, more) =
-            either(many, || self.between(a, b), || self.between(upper, copy));
+        let (mut found, more) = either(many, || self.between(a, b), || self.between(upper, copy));
         found.extend(more);
         found
     }
@@ -142,7 +141,7 @@ mod tests {
             Bounds { min: at, max: at + (size * size * 4.0).floor() }
         };
         let boxes: Vec<Bounds> = (0..700).map(number).collect();
-        let odd = |a: u32, b: u32| (a + b) % 3 != 0;
+        let odd = |a: u32, b: u32| !(a + b).is_multiple_of(3);
         let found = pairs(&boxes, odd, u64::MAX).unwrap();
         let all = (0..700).flat_map(|a| (a + 1..700).map(move |b| (a, b)));
         let touch = |&(a, b): &(u32, u32)| boxes[a as usize].touches(&boxes[b as usize]);

@@ -47,7 +47,13 @@ impl Graded {
 const FIRST_SEARCH: f64 = 1.0 / 4096.0;
 
 impl Judge<'_> {
-    pub(super) fn bounds(&self, ray: &Ray, arithmetic: Arithmetic, id: TriangleId, cramer: &Cramer) -> Bounds {
+    pub(super) fn bounds(
+        &self,
+        ray: &Ray,
+        arithmetic: Arithmetic,
+        id: TriangleId,
+        cramer: &Cramer,
+    ) -> Bounds {
         Bounds::new(arithmetic, ray, self.referee.triangle(id), cramer)
     }
 
@@ -74,7 +80,9 @@ impl Judge<'_> {
                 continue;
             } else if let Contact::Touching(_) = met.contact {
                 graded.at_least(Grade::Touching);
-            } else if stops == Rule::Unsure || self.bounds(ray, arithmetic, met.triangle, &met.cramer).may_miss(ray) {
+            } else if stops == Rule::Unsure
+                || self.bounds(ray, arithmetic, met.triangle, &met.cramer).may_miss(ray)
+            {
                 graded.at_least(Grade::Precision);
             } else {
                 return Graded::wrong(Some(met.triangle));
@@ -129,7 +137,8 @@ impl Judge<'_> {
     /// Whoever meets a triangle asks our own kernel about the others that it overlaps in one plane.
     fn accepts_numbers(&self, ray: &Ray, hit: Hit, own: &Met, bounds: &Bounds) -> bool {
         let numbers = [hit.t, hit.u, hit.v];
-        let overlaps = self.scene.is_some_and(|scene| !scene.overlaps().with(hit.triangle).is_empty());
+        let overlaps =
+            self.scene.is_some_and(|scene| !scene.overlaps().with(hit.triangle).is_empty());
         let our_own = || self.bounds(ray, Arithmetic::MollerTrumbore, hit.triangle, &own.cramer);
         bounds.accept(ray, numbers) || overlaps && our_own().accept(ray, numbers)
     }
@@ -163,11 +172,14 @@ impl Judge<'_> {
         }
     }
 
-    /// Whether the exact ray meets both triangles, at exactly one distance.
+    /// Whether the exact ray meets both triangles, at exactly one distance, and no rule says which is seen.
     pub(super) fn is_tie(&self, ray: &Ray, met: &[Met], a: TriangleId, b: TriangleId) -> bool {
         let find = |id| met.iter().find(|met| met.triangle == id);
         match (find(a), find(b)) {
-            (Some(a), Some(b)) => self.referee.compare(ray, a, b) == Some(Ordering::Equal),
+            (Some(a), Some(b)) => {
+                self.comes_first(a, b).is_none()
+                    && self.referee.compare(ray, a, b) == Some(Ordering::Equal)
+            }
             _ => false,
         }
     }
@@ -189,8 +201,6 @@ impl Judge<'_> {
         }
         let grade = if met.iter().any(|met| !is_hit(met) && stops(met) == Rule::Yes) {
             Grade::Touching
-        } else if met.iter().any(|met| stops(met) == Rule::Unsure) {
-            Grade::Precision
         } else if self.may_hit_anything(ray, arithmetic) {
             Grade::Precision
         } else {

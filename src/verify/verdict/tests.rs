@@ -352,8 +352,8 @@ fn every_mutant_is_wrong() {
 /// A floor and a smaller sheet in its plane, each of its own material, over a third plane; everything reflects on
 /// both sides.
 fn overlapping(materials: [Material; 3]) -> Scene {
-    let sheet = |x: f32, z: f32, size: f32| {
-        Triangle { p: [Vec3::new(x, x, z), Vec3::new(x + size, x, z), Vec3::new(x, x + size, z)] }
+    let sheet = |x: f32, z: f32, size: f32| Triangle {
+        p: [Vec3::new(x, x, z), Vec3::new(x + size, x, z), Vec3::new(x, x + size, z)],
     };
     let triangles = vec![sheet(0.0, 0.0, 4.0), sheet(0.25, 0.0, 1.0), sheet(-1.0, -1.0, 9.0)];
     Scene::new(triangles, (0..3).map(MaterialId).collect(), materials.into())
