@@ -2,8 +2,9 @@
 
 use super::camera::is_view_name;
 use super::formats::is_model;
+use super::overrides::{MaterialOverride, change_matching};
 use super::read::refusal;
-use super::text::{decode, quote, read_bytes};
+use super::text::{decode, read_bytes};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -156,14 +157,6 @@ fn vertical_fov() -> f32 {
     Camera::USUAL_FOV
 }
 
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct MaterialOverride {
-    reflectance: Option<Vec3Array>,
-    radiance: Option<Vec3Array>,
-    two_sided: Option<bool>,
-}
-
 impl CameraTable {
     fn camera(self) -> Result<Camera> {
         let [position, look_at] = [self.position, self.look_at].map(DVec3::from);
@@ -289,7 +282,7 @@ impl Document {
     /// Names of the materials whose reflectance the description replaces, so that the model's own
     /// value need not be a possible one.
     pub fn overridden_reflectances(&self) -> HashSet<String> {
-        let replaced = self.materials.iter().filter(|(_, m)| m.reflectance.is_some());
+        let replaced = self.materials.iter().filter(|(_, m)| m.replaces_reflectance());
         replaced.map(|(name, _)| name.clone()).collect()
     }
 
@@ -311,60 +304,6 @@ impl Document {
             change_matching(pattern, materials, |material| material.radiance = *radiance)?;
         }
         Ok(())
-    }
-}
-
-/// Changes every material that a name means, which may end in `*`.
-fn change_matching(
-    pattern: &str,
-    materials: &mut [Material],
-    mut change: impl FnMut(&mut Material),
-) -> Result<()> {
-    let is_meant = |material: &&mut Material| match pattern.strip_suffix('*') {
-        Some(start) => material.name.starts_with(start),
-        None => material.name == pattern,
-    };
-    let mut found = false;
-    for material in materials.iter_mut().filter(is_meant) {
-        found = true;
-        change(material);
-    }
-    if found {
-        return Ok(());
-    }
-    let known: Vec<String> = materials.iter().map(|m| m.name.escape_debug().to_string()).collect();
-    Err(Error::new(format!("no material has the name {}", quote(pattern)))
-        .remedy(format!("the models have: {}", known.join(", "))))
-}
-
-impl MaterialOverride {
-    fn check(&self, name: &str) -> Result<()> {
-        let bad = |what: &str, range: &str| {
-            Err(Error::new(format!("[materials.{name}]: {what} is outside {range}"))
-                .remedy("real surfaces reflect less than 0.95 and emit nothing negative"))
-        };
-        if self.reflectance.is_some_and(|r| !r.iter().all(|x| (0.0..=1.0).contains(x))) {
-            return bad("reflectance", "[0, 1]");
-        }
-        if self.radiance.is_some_and(|r| !r.iter().all(|x| *x >= 0.0 && x.is_finite())) {
-            return bad("radiance", "[0, ∞)");
-        }
-        Ok(())
-    }
-
-    fn apply(&self, material: &mut Material) {
-        if let Some(reflectance) = self.reflectance {
-            material.reflectance = Rgb::from(reflectance);
-            material.reflectance_map = None;
-        }
-        if let Some(radiance) = self.radiance {
-            material.radiance = Rgb::from(radiance);
-            material.radiance_map = None;
-        }
-        if let Some(two_sided) = self.two_sided {
-            material.two_sided = two_sided;
-            material.emits_on_back = two_sided;
-        }
     }
 }
 

@@ -17,6 +17,7 @@ mod mutation;
 pub(crate) mod obj;
 mod opacity;
 pub mod overlaps;
+mod overrides;
 mod ply;
 mod read;
 mod shown;

@@ -1,0 +1,136 @@
+//! How finely the triangles are split.
+
+use crate::error::{Error, ErrorKind, Result};
+use crate::geometry::Triangle;
+use crate::geometry::triangle::MAX_LEVEL;
+use crate::scene::Scene;
+use crate::settings::{self, PatchSettings};
+
+/// Patch numbers and ray counts stay well inside 32 bits.
+const MAX_PATCHES: usize = 1 << 28;
+
+/// How finely triangles are split.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Subdivision {
+    /// Each triangle into 4^levels patches.
+    Levels(u32),
+    /// Each triangle until its patches' longest edge is at most this, in the scene's units.
+    MaxEdge(f64),
+    /// The shortest `MaxEdge` that adds at most this many patches to one per triangle.
+    Count(usize),
+}
+
+impl Subdivision {
+    /// The subdivision that the settings ask for, or the default.
+    pub fn of(settings: &PatchSettings) -> Subdivision {
+        match (settings.levels, settings.max_edge) {
+            (Some(levels), _) => Subdivision::Levels(levels),
+            (None, Some(length)) => Subdivision::MaxEdge(length),
+            (None, None) => Subdivision::Count(settings::PATCHES),
+        }
+    }
+
+    /// How often each triangle is split.
+    ///
+    /// # Errors
+    /// A level above [`MAX_LEVEL`], a length that is not a positive number, or more patches than can be
+    /// numbered even with one side each.
+    pub fn levels(self, scene: &Scene) -> Result<Vec<u32>> {
+        check(self)?;
+        let edges: Vec<f64> = scene.triangles.iter().map(Triangle::longest_edge).collect();
+        let levels: Vec<u32> = match self {
+            Subdivision::Levels(levels) => vec![levels; edges.len()],
+            Subdivision::MaxEdge(length) => levels_for(&edges, length),
+            Subdivision::Count(most) => levels_for(&edges, shortest_edge_for(&edges, most)),
+        };
+        let count = levels.iter().map(|&level| 4u64.saturating_pow(level));
+        check_count(&levels, count.fold(0, u64::saturating_add))?;
+        Ok(levels)
+    }
+}
+
+/// Refuses more patches than can be numbered, and levels that no triangle may have.
+pub(super) fn check_count(levels: &[u32], count: u64) -> Result<usize> {
+    if levels.iter().any(|&l| l > MAX_LEVEL) || count > MAX_PATCHES as u64 {
+        return Err(Error::new(format!(
+            "this subdivision asks for {count} patches or {} levels; the most are {MAX_PATCHES} and \
+             {MAX_LEVEL}",
+            levels.iter().max().unwrap_or(&0)
+        ))
+        .of_kind(ErrorKind::Patches)
+        .remedy("take larger patches"));
+    }
+    Ok(count as usize)
+}
+
+fn check(subdivision: Subdivision) -> Result<()> {
+    match subdivision {
+        Subdivision::Levels(levels) if levels > MAX_LEVEL => {
+            Err(Error::new(format!("{levels} levels of subdivision; the most are {MAX_LEVEL}"))
+                .remedy("each level quadruples the patches; 2 to 5 are usual"))
+        }
+        Subdivision::MaxEdge(length) if !(length > 0.0 && length.is_finite()) => {
+            Err(Error::new(format!("a longest patch edge of {length}"))
+                .remedy("give a positive length in the scene's units"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The least level at which each triangle's longest edge is at most `length`.
+fn levels_for(edges: &[f64], length: f64) -> Vec<u32> {
+    edges.iter().map(|edge| (edge / length).log2().ceil().clamp(0.0, 30.0) as u32).collect()
+}
+
+/// Bisects for the shortest length that adds at most `most` patches to one per triangle: so a room is split
+/// also when a model with many small triangles stands in it.
+fn shortest_edge_for(edges: &[f64], most: usize) -> f64 {
+    let added = |length: f64| -> f64 {
+        levels_for(edges, length).iter().map(|&level| 4f64.powi(level as i32) - 1.0).sum()
+    };
+    let longest = edges.iter().copied().fold(0.0, f64::max);
+    let (mut too_short, mut good) = (longest / (1u64 << MAX_LEVEL) as f64, longest);
+    // Twelve octaves, halved 24 times, are known to a millionth.
+    for _ in 0..24 {
+        let middle = (too_short * good).sqrt();
+        if added(middle) <= most as f64 {
+            good = middle;
+        } else {
+            too_short = middle;
+        }
+    }
+    good
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patches::PatchMesh;
+    use crate::patches::tests::{one_triangle, scene};
+    use glam::Vec3;
+
+    #[test]
+    fn each_triangle_gets_the_level_that_its_edge_needs() {
+        let mut triangles = one_triangle();
+        triangles.push(Triangle::new(Vec3::ZERO, Vec3::X * 0.5, Vec3::Y * 0.5));
+        let scene = scene(triangles, false);
+        // Longest edges √80 ≈ 8.9 and √½ ≈ 0.7.
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::MaxEdge(1.2)).unwrap();
+        assert_eq!(mesh.sides().iter().map(|s| s.level).collect::<Vec<_>>(), [3, 0]);
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Count(300)).unwrap();
+        assert!(mesh.len() <= 300 && mesh.len() > 75, "{}", mesh.len());
+    }
+
+    #[test]
+    fn absurd_subdivisions_are_refused() {
+        let scene = scene(one_triangle(), false);
+        for bad in [
+            Subdivision::Levels(40),
+            Subdivision::MaxEdge(0.0),
+            Subdivision::MaxEdge(f64::NAN),
+            Subdivision::MaxEdge(1e-9),
+        ] {
+            assert!(PatchMesh::subdivide(&scene, bad).is_err(), "{bad:?}");
+        }
+    }
+}
