@@ -64,7 +64,7 @@ impl Stream {
     }
 
     /// The point number `index`, uniform in [0, 1)⁴.
-    #[inline]
+    #[inline(always)]
     pub fn point(&self, index: u32) -> [f32; 4] {
         if self.points == PointSet::Random {
             let seed = mix((self.shift[0] as u64) << 32 | (self.shift[1] ^ index) as u64);
@@ -75,7 +75,8 @@ impl Stream {
             None => sobol_digits(index),
         };
         let [s0, s1, s2, s3] = self.shift;
-        [a ^ s0, b ^ s1, c ^ s2, d ^ s3].map(from_digits)
+        // Written out, because `map` is not always inlined.
+        [from_digits(a ^ s0), from_digits(b ^ s1), from_digits(c ^ s2), from_digits(d ^ s3)]
     }
 }
 

@@ -41,11 +41,9 @@ impl Interpolated {
     /// H at a point, interpolated within its patch.
     #[inline]
     fn at(&self, point: &SurfacePoint) -> Rgb {
-        let first = self.first[point.side_number];
-        let [a, b, c] = point
-            .cell
-            .corners()
-            .map(|corner| self.values[first + lattice_index(point.side.level, corner)]);
+        let values = &self.values[self.first[point.side_number]..];
+        let [a, b, c] = cell_corners(point.side.level, point.cell);
+        let (a, b, c) = (values[a], values[b], values[c]);
         a * (1.0 - point.l1 - point.l2) + b * point.l1 + c * point.l2
     }
 
@@ -105,6 +103,17 @@ fn lattice_index(level: u32, (i, j): (u32, u32)) -> usize {
     let n = (1u32 << level) as usize;
     let (i, j) = (i as usize, j as usize);
     i * (n + 1) - i * i.saturating_sub(1) / 2 + j
+}
+
+/// The lattice indices of a cell's corners: those of [`Cell::corners`], with one multiplication for all three and
+/// no branch.
+#[inline]
+fn cell_corners(level: u32, cell: Cell) -> [usize; 3] {
+    let least = lattice_index(level, (cell.i, cell.j));
+    let row = (1 << level) + 1 - cell.i as usize;
+    let inverted = cell.inverted as usize;
+    let (one, other) = if cell.inverted { (1, row) } else { (row, 1) };
+    [least + inverted * (row + 1), least + one, least + other]
 }
 
 fn lattice_size(level: u32) -> usize {
@@ -298,6 +307,17 @@ mod tests {
             })
         };
         [value(0, 1.0 - fraction, 0.0), value(1, 1.0 - fraction, fraction)]
+    }
+
+    #[test]
+    fn the_corners_of_a_cell_are_lattice_points() {
+        for level in 0..=5 {
+            for number in 0..1 << (2 * level) {
+                let cell = Cell::from_number(level, number);
+                let corners = cell.corners().map(|corner| lattice_index(level, corner));
+                assert_eq!(cell_corners(level, cell), corners, "level {level}, {cell:?}");
+            }
+        }
     }
 
     fn noise(count: usize) -> Vec<Rgb64> {

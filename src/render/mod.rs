@@ -8,7 +8,7 @@ use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::{Look, PatchMesh, SurfacePoint};
 use crate::progress::{Progress, Stage};
 use crate::sampling::{PointSet, Purpose, Stream};
-use crate::scene::Camera;
+use crate::scene::{Camera, Scene};
 use crate::settings::Settings;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -53,6 +53,10 @@ impl Frame {
     }
 }
 
+/// Samples that are drawn together, if not more belong to one pixel. Each step of drawing is a loop over them,
+/// and their rays, hits and points stay in the processor's nearest cache.
+const TILE: usize = 128;
+
 /// Draws one image per field, all from the same rays. What a ray meets shows L + ρH/π by its own material.
 ///
 /// The samples of a pixel are stratified over its square and averaged: a box filter. Rays that
@@ -65,7 +69,9 @@ pub fn render(
     fields: &[&dyn IrradianceField],
     progress: &dyn Progress,
 ) -> Vec<Image> {
+    let shot = Shot { caster, mesh, camera, frame, fields };
     let row_length = frame.width as usize * fields.len();
+    let tile = (TILE / frame.samples.max(1) as usize).max(1);
     progress.begin(Stage::Render, Some(frame.height as u64));
     let mut rows = vec![Pixel::default(); row_length * frame.height as usize];
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
@@ -75,8 +81,8 @@ pub fn render(
             if progress.is_stopped() {
                 return;
             }
-            for (x, pixel) in row.chunks_mut(fields.len()).enumerate() {
-                work.draw(caster, mesh, camera, frame, (x, y), fields, pixel);
+            for (number, pixels) in row.chunks_mut(tile * fields.len()).enumerate() {
+                work.draw(&shot, (number * tile, y), pixels);
             }
             progress.advance(1);
         },
@@ -101,9 +107,19 @@ pub fn pixel(
     at: (usize, usize),
     field: &dyn IrradianceField,
 ) -> Rgb {
+    let shot = Shot { caster, mesh, camera, frame, fields: &[field] };
     let mut pixel = [Pixel::default()];
-    Work::default().draw(caster, mesh, camera, frame, at, &[field], &mut pixel);
+    Work::default().draw(&shot, at, &mut pixel);
     pixel[0].radiance
+}
+
+/// Everything that the pixels of a picture have in common.
+struct Shot<'a> {
+    caster: &'a dyn RayCaster,
+    mesh: &'a PatchMesh,
+    camera: &'a Camera,
+    frame: &'a Frame,
+    fields: &'a [&'a dyn IrradianceField],
 }
 
 /// What one field makes of a pixel; see [`Image`].
@@ -113,7 +129,13 @@ struct Pixel {
     reflecting: f32,
 }
 
-/// One thread's buffers.
+/// How many samples of a pixel met a side with patches, and how many nothing.
+struct Tally {
+    points: usize,
+    misses: usize,
+}
+
+/// One thread's buffers, for the samples of a tile.
 #[derive(Default)]
 struct Work<'m> {
     rays: Vec<Ray>,
@@ -122,66 +144,64 @@ struct Work<'m> {
     /// One per point where the scene has textures or vertex colours; else empty.
     looks: Vec<Look>,
     irradiance: Vec<Rgb>,
+    /// One per pixel.
+    tallies: Vec<Tally>,
 }
 
 impl<'m> Work<'m> {
-    /// Sets `pixel` to the mean radiance of its samples, one entry per field.
-    #[allow(clippy::too_many_arguments, reason = "the loop's whole context, passed once per pixel")]
-    fn draw(
-        &mut self,
-        caster: &dyn RayCaster,
-        mesh: &'m PatchMesh,
-        camera: &Camera,
-        frame: &Frame,
-        (x, y): (usize, usize),
-        fields: &[&dyn IrradianceField],
-        pixel: &mut [Pixel],
-    ) {
-        let (width, height) = (frame.width as f32, frame.height as f32);
-        let number = y as u64 * frame.width as u64 + x as u64;
-        let stream = Stream::new(frame.seed, Purpose::Pixel, number, PointSet::Sobol);
-        self.rays.clear();
-        self.rays.extend((0..frame.samples).map(|k| {
-            let [dx, dy, ..] = stream.point(k);
-            camera.ray((x as f32 + dx) / width, (y as f32 + dy) / height, width / height)
-        }));
-        caster.nearest_batch(&self.rays, &mut self.hits);
-        let samples = self.rays.iter().zip(&self.hits);
-        let met = samples.filter_map(|(ray, hit)| SurfacePoint::hit(mesh, ray, &(*hit)?));
-        self.points.clear();
-        self.points.extend(met);
-        self.looks.clear();
+    /// Draws the pixels of a row from (x, y) on; `pixels` has one entry per pixel and field.
+    fn draw(&mut self, shot: &Shot<'m>, from: (usize, usize), pixels: &mut [Pixel]) {
+        let (mesh, fields) = (shot.mesh, shot.fields);
+        self.aim(shot, from, pixels.len() / fields.len());
+        shot.caster.nearest_batch(&self.rays, &mut self.hits);
+        self.meet(mesh, shot.frame.samples.max(1) as usize);
         if mesh.varies() {
-            self.look(mesh, sample_width(camera, frame));
+            self.look(mesh, sample_width(shot.camera, shot.frame));
         }
         self.irradiance.resize(self.points.len(), Rgb::ZERO);
-        let misses = self.hits.iter().filter(|hit| hit.is_none()).count();
-        let background = frame.background.unwrap_or(mesh.scene.background) * misses as f32;
-        for (pixel, field) in pixel.iter_mut().zip(fields) {
+        for (number, field) in fields.iter().enumerate() {
             field.irradiance(&self.points, &mut self.irradiance);
-            let (mut sum, mut reflecting, mut count) = (background, Rgb::ZERO, 0);
-            for (k, (point, &irradiance)) in self.points.iter().zip(&self.irradiance).enumerate() {
-                let material = &mesh.scene.materials[point.side.material.0 as usize];
-                let look = self.looks.get(k).copied();
-                let Look { radiance, reflectance } = look.unwrap_or(Look {
-                    radiance: material.radiance,
-                    reflectance: material.reflectance,
-                });
-                let emitted = if point.side.radiates { radiance } else { Rgb::ZERO };
-                let reflected = reflectance * irradiance / PI;
-                sum += emitted + reflected;
-                if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
-                    reflecting += emitted + reflected;
-                    count += 1;
-                }
+            let of_field = pixels.iter_mut().skip(number).step_by(fields.len());
+            if mesh.varies() {
+                self.shade(shot, of_field, |k| self.looks[k]);
+            } else {
+                self.shade(shot, of_field, |k| plain_look(&mesh.scene, &self.points[k]));
             }
-            pixel.radiance = sum / frame.samples as f32;
-            pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
+        }
+    }
+
+    /// Sets the rays through `count` pixels.
+    fn aim(&mut self, shot: &Shot, (x, y): (usize, usize), count: usize) {
+        let (camera, frame) = (shot.camera, shot.frame);
+        let (width, height) = (frame.width as f32, frame.height as f32);
+        let aspect = width / height;
+        self.rays.clear();
+        for x in x..x + count {
+            let number = y as u64 * frame.width as u64 + x as u64;
+            let stream = Stream::new(frame.seed, Purpose::Pixel, number, PointSet::Sobol);
+            self.rays.extend((0..frame.samples).map(|k| {
+                let [dx, dy, ..] = stream.point(k);
+                camera.ray((x as f32 + dx) / width, (y as f32 + dy) / height, aspect)
+            }));
+        }
+    }
+
+    /// Finds the points that were hit, and counts them per pixel.
+    fn meet(&mut self, mesh: &'m PatchMesh, samples: usize) {
+        self.points.clear();
+        self.tallies.clear();
+        for (rays, hits) in self.rays.chunks(samples).zip(self.hits.chunks(samples)) {
+            let before = self.points.len();
+            let met = rays.iter().zip(hits);
+            self.points.extend(met.filter_map(|(ray, hit)| SurfacePoint::hit(mesh, ray, &(*hit)?)));
+            let misses = hits.iter().filter(|hit| hit.is_none()).count();
+            self.tallies.push(Tally { points: self.points.len() - before, misses });
         }
     }
 
     /// Looks at the textures where the rays met sides; `width` is the footprint of a sample at depth 1.
     fn look(&mut self, mesh: &PatchMesh, width: f32) {
+        self.looks.clear();
         let samples = self.rays.iter().zip(&self.hits);
         let met = samples.filter_map(|(ray, hit)| {
             let hit = (*hit)?;
@@ -192,6 +212,43 @@ impl<'m> Work<'m> {
         });
         self.looks.extend(met);
     }
+
+    /// Sets the pixels to the means of their samples in the field that gave the irradiance; `look` gives the look
+    /// of each point.
+    #[inline(always)]
+    fn shade<'p>(
+        &self,
+        shot: &Shot,
+        pixels: impl Iterator<Item = &'p mut Pixel>,
+        look: impl Fn(usize) -> Look,
+    ) {
+        let background = shot.frame.background.unwrap_or(shot.mesh.scene.background);
+        let mut first = 0;
+        for (pixel, tally) in pixels.zip(&self.tallies) {
+            let mut sum = background * tally.misses as f32;
+            let (mut reflecting, mut count) = (Rgb::ZERO, 0);
+            for k in first..first + tally.points {
+                let Look { radiance, reflectance } = look(k);
+                let emitted = if self.points[k].side.radiates { radiance } else { Rgb::ZERO };
+                let reflected = reflectance * self.irradiance[k] / PI;
+                sum += emitted + reflected;
+                if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
+                    reflecting += emitted + reflected;
+                    count += 1;
+                }
+            }
+            first += tally.points;
+            pixel.radiance = sum / shot.frame.samples as f32;
+            pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
+        }
+    }
+}
+
+/// The look of a point without textures.
+#[inline(always)]
+fn plain_look(scene: &Scene, point: &SurfacePoint) -> Look {
+    let material = &scene.materials[point.side.material.0 as usize];
+    Look { radiance: material.radiance, reflectance: material.reflectance }
 }
 
 /// How wide the part of a pixel is that a sample stands for, at depth 1. The samples share the pixel's area.

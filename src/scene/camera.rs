@@ -99,7 +99,7 @@ impl Camera {
 
     /// The ray through the image point (x, y), for an image `aspect` times as wide as high. Its t
     /// is the depth along the axis.
-    #[inline]
+    #[inline(always)]
     pub fn ray(&self, x: f32, y: f32, aspect: f32) -> Ray {
         let across = (2.0 * x - 1.0) * self.half_height * aspect;
         let upward = (1.0 - 2.0 * y) * self.half_height;
