@@ -81,7 +81,9 @@ impl Triangle {
 
     pub fn longest_edge(&self) -> f64 {
         let [p0, p1, p2] = self.p.map(|p| p.as_dvec3());
-        p0.distance(p1).max(p1.distance(p2)).max(p2.distance(p0))
+        // The root of the largest square is the largest root, to the last bit.
+        let square = p0.distance_squared(p1).max(p1.distance_squared(p2));
+        square.max(p2.distance_squared(p0)).sqrt()
     }
 
     pub fn bounds(&self) -> Bounds {

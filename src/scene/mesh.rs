@@ -136,7 +136,8 @@ impl Mesh {
     }
 }
 
-fn retain<T>(list: &mut Vec<T>, kept: &[bool]) {
+/// Leaves out the items that are not `kept`.
+pub(super) fn retain<T>(list: &mut Vec<T>, kept: &[bool]) {
     let mut kept = kept.iter();
     list.retain(|_| *kept.next().expect("one answer per triangle"));
 }

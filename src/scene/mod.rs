@@ -100,30 +100,28 @@ impl Scene {
         material_of: Vec<MaterialId>,
         materials: Vec<Material>,
     ) -> Self {
-        Scene::with_mesh(triangles, material_of, materials, Mesh::default())
-    }
-
-    /// Like [`Scene::new`], with a `mesh` that fits the triangles.
-    fn with_mesh(
-        triangles: Vec<Triangle>,
-        material_of: Vec<MaterialId>,
-        materials: Vec<Material>,
-        mut mesh: Mesh,
-    ) -> Self {
         assert_eq!(triangles.len(), material_of.len(), "one material per triangle");
-        assert!(material_of.iter().all(|m| (m.0 as usize) < materials.len()), "unknown material");
         let before = triangles.len();
-        mesh.retain(&triangles.iter().map(|t| t.area() > 0.0).collect::<Vec<bool>>());
         let (triangles, material_of): (Vec<_>, Vec<_>) =
             triangles.into_iter().zip(material_of).filter(|(t, _)| t.area() > 0.0).unzip();
+        let degenerate = before - triangles.len();
+        Scene { degenerate, ..Scene::plain(triangles.into(), material_of.into(), materials) }
+    }
+
+    fn plain(
+        triangles: Arc<[Triangle]>,
+        material_of: Arc<[MaterialId]>,
+        materials: Vec<Material>,
+    ) -> Self {
+        assert!(material_of.iter().all(|m| (m.0 as usize) < materials.len()), "unknown material");
         Scene {
-            degenerate: before - triangles.len(),
-            triangles: triangles.into(),
-            material_of: material_of.into(),
+            degenerate: 0,
+            triangles,
+            material_of,
             back_of: Arc::default(),
             materials: materials.into(),
             textures: Arc::default(),
-            mesh: mesh.into(),
+            mesh: Arc::default(),
             sky: Rgb::ZERO,
             background: Rgb::ZERO,
             up: Camera::USUAL_UP,
@@ -137,6 +135,32 @@ impl Scene {
         }
     }
 
+    /// The triangles of a model relative to an origin, without those that have no area.
+    fn of_model(mut model: Model, origin: DVec3) -> Self {
+        let positions = model.positions_from(origin);
+        // Large models come near to filling the memory: nothing is kept longer than it is needed.
+        model.positions = Vec::new();
+        let triangle = |t: &[u32; 3]| Triangle { p: t.map(|corner| positions[corner as usize]) };
+        let kept: Vec<bool> = model.triangles.iter().map(|t| triangle(t).area() > 0.0).collect();
+        let degenerate = kept.iter().filter(|kept| !**kept).count();
+        if degenerate > 0 {
+            mesh::retain(&mut model.triangles, &kept);
+            mesh::retain(&mut model.material_of, &kept);
+            model.mesh.retain(&kept);
+        }
+        let triangles = model.triangles.iter().map(triangle).collect();
+        Scene {
+            degenerate,
+            mesh: model.mesh.into(),
+            textures: model.textures.into(),
+            views: model.views,
+            files: model.files,
+            origin,
+            known_topology: known(Topology::of_indexed(model.triangles, &positions)),
+            ..Scene::plain(triangles, model.material_of.into(), model.materials)
+        }
+    }
+
     /// Reads the models that a description names, applies its material overrides, and checks that
     /// the result can be lit.
     ///
@@ -147,51 +171,35 @@ impl Scene {
         let replaced = description.overridden_reflectances();
         let load = |path: &PathBuf| read::load(path, |name| replaced.contains(name));
         let models = description.models.iter().map(load).collect::<Result<Vec<Model>>>()?;
-        let origin = origin_of(&models);
-        let has_surroundings = models.iter().all(|model| model.has_surroundings);
-        let stated_up = models.iter().find_map(|model| model.up);
-        let (mut triangles, mut material_of, mut materials) = (vec![], vec![], vec![]);
-        let (mut mesh, mut textures) = (Mesh::default(), vec![]);
-        let (mut views, mut warnings, mut files) = (Vec::new(), Vec::new(), Vec::new());
-        for (number, mut model) in (0..).zip(models) {
-            let at = |corner: u32| (model.positions[corner as usize] - origin).as_vec3();
-            triangles.extend(model.triangles.iter().map(|corners| Triangle { p: corners.map(at) }));
-            let offset = materials.len() as u32;
-            material_of.extend(model.material_of.iter().map(|m| MaterialId(m.0 + offset)));
-            let maps = model.materials.iter_mut().flat_map(Material::maps_mut);
-            maps.for_each(|map| map.texture.0 += textures.len() as u32);
-            materials.extend(model.materials);
-            textures.extend(model.textures);
-            mesh.append(number, model.mesh);
-            warnings.extend(model.warnings);
-            files.extend(model.files);
-            views.extend(model.views);
-        }
+        let mut models = models.into_iter();
+        let mut model = models.next().unwrap_or_default();
+        (1..).zip(models).for_each(|(number, more)| model.append(number, more));
+        let mut warnings = std::mem::take(&mut model.warnings);
+        let origin = origin_of(&model.positions);
         if origin != DVec3::ZERO {
             warnings.push(Warning::new(format!(
                 "the coordinates are large: computed relative to {}, {}, {}, and given back as they are",
                 origin.x, origin.y, origin.z
             )));
         }
-        for material in &mut materials {
+        for material in &mut model.materials {
             // A format that knows sides says with them what emits, not what reflects.
             material.emits_on_back = material.two_sided;
             material.two_sided = !description.one_sided;
         }
-        description.override_materials(&mut materials)?;
+        description.override_materials(&mut model.materials)?;
 
-        let mut scene = Scene::with_mesh(triangles, material_of, materials, mesh);
-        scene.views = views;
-        scene.up = description.up.or(stated_up).unwrap_or_else(|| upright::guess(&scene.triangles));
+        let has_surroundings = model.has_surroundings;
+        let stated_up = description.up.or(model.up);
+        let mut scene = Scene::of_model(model, origin);
+        scene.up = stated_up.unwrap_or_else(|| upright::guess(&scene.triangles));
         if description.camera.is_none() && scene.views.is_empty() && scene.up != Camera::USUAL_UP {
             warnings.push(upright::said(scene.up));
         }
-        scene.textures = textures.into();
         // A model's visor or display glows, and lights nothing else.
         let only_glows = has_surroundings && !description.names_lamps() && !scene.shines();
         let is_lit = scene.emits() && !only_glows;
         scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
-        scene.origin = origin;
         scene.metres_per_unit = description.metres_per_unit;
         if scene.degenerate > 0 {
             warnings.push(Warning::new(format!(
@@ -206,7 +214,6 @@ impl Scene {
             warnings.push(nothing_emits(&scene));
         }
         scene.warnings = warnings;
-        scene.files = files;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
         scene.warnings.extend(scene.overlap_warning());
@@ -265,33 +272,23 @@ impl Scene {
     }
 
     /// Makes one sheet of triangles that lie exactly where others do.
-    fn merge_copies(self) -> Scene {
+    fn merge_copies(mut self) -> Scene {
         let Some(sheets) = coincident::find(self.topology(), &self.material_of) else {
             return self;
         };
-        let mut kept = sheets.kept.iter();
-        let stays = |_: &(&Triangle, &MaterialId)| *kept.next().expect("one answer per triangle");
-        let (triangles, material_of): (Vec<Triangle>, Vec<MaterialId>) =
-            self.triangles.iter().zip(self.material_of.iter()).filter(stays).unzip();
-        let mut mesh = Mesh::clone(&self.mesh);
-        mesh.retain(&sheets.kept);
-        let mut warnings = self.warnings.clone();
-        warnings.push(Warning::new(format!(
+        self.warnings.push(Warning::new(format!(
             "{} triangles lie exactly where others do: {} are taken as the backs of these, {} are left out",
             sheets.backs + sheets.equal,
             sheets.backs,
             sheets.equal
         )));
-        Scene {
-            triangles: triangles.into(),
-            material_of: material_of.into(),
-            back_of: sheets.back_of.into(),
-            mesh: mesh.into(),
-            warnings,
-            known_topology: Arc::default(),
-            known_overlaps: Arc::default(),
-            ..self
-        }
+        self.known_topology = known(self.topology().without_copies(&sheets.kept));
+        self.known_overlaps = Arc::default();
+        self.triangles = of_kept(&self.triangles, &sheets.kept);
+        self.material_of = of_kept(&self.material_of, &sheets.kept);
+        self.back_of = sheets.back_of.into();
+        Arc::make_mut(&mut self.mesh).retain(&sheets.kept);
+        self
     }
 
     /// A kernel multiplies three lengths, so their cubes must be normal f32 numbers.
@@ -359,10 +356,21 @@ fn looks_like_lamp(material: &Material) -> bool {
     ["light", "lamp", "emit", "emissive", "bulb"].iter().any(|word| name.contains(word))
 }
 
+/// A topology that need not be found again.
+fn known(topology: Topology) -> Arc<OnceLock<Topology>> {
+    Arc::new(OnceLock::from(topology))
+}
+
+/// The items that are `kept`, copied once: the length of the list is known before.
+fn of_kept<T: Copy>(items: &[T], kept: &[bool]) -> Arc<[T]> {
+    let numbers: Vec<usize> = (0..items.len()).filter(|number| kept[*number]).collect();
+    numbers.iter().map(|number| items[*number]).collect()
+}
+
 /// A round place near models that lie far from the origin, compared with their own size; else zero.
-fn origin_of(models: &[Model]) -> DVec3 {
-    let positions = || models.iter().flat_map(|model| &model.positions);
-    let (min, max) = positions().fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(*p), b.max(*p)));
+fn origin_of(positions: &[DVec3]) -> DVec3 {
+    let extremes = (DVec3::MAX, DVec3::MIN);
+    let (min, max) = positions.iter().fold(extremes, |(a, b), p| (a.min(*p), b.max(*p)));
     let (size, away) = ((max - min).max_element(), min.abs().max(max.abs()).max_element());
     if !(size > 0.0 && away > FAR * size) {
         return DVec3::ZERO;

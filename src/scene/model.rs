@@ -36,6 +36,33 @@ pub(crate) struct Model {
     pub up: Option<Vec3>,
 }
 
+impl Model {
+    /// Adds another model behind this one, as model number `number`.
+    pub(super) fn append(&mut self, number: u32, mut more: Model) {
+        let positions = self.positions.len() as u32;
+        self.positions.append(&mut more.positions);
+        self.triangles.extend(more.triangles.iter().map(|t| t.map(|corner| corner + positions)));
+        let materials = self.materials.len() as u32;
+        self.material_of.extend(more.material_of.iter().map(|m| MaterialId(m.0 + materials)));
+        let textures = self.textures.len() as u32;
+        let maps = more.materials.iter_mut().flat_map(Material::maps_mut);
+        maps.for_each(|map| map.texture.0 += textures);
+        self.materials.append(&mut more.materials);
+        self.textures.append(&mut more.textures);
+        self.mesh.append(number, more.mesh);
+        self.files.append(&mut more.files);
+        self.warnings.append(&mut more.warnings);
+        self.views.append(&mut more.views);
+        self.has_surroundings &= more.has_surroundings;
+        self.up = self.up.or(more.up);
+    }
+
+    /// The positions as f32 relative to a place.
+    pub(super) fn positions_from(&self, origin: DVec3) -> Vec<Vec3> {
+        self.positions.iter().map(|position| (position - origin).as_vec3()).collect()
+    }
+}
+
 /// The position, if it is one that a model may have; `place` begins the message: "vertex 3: ".
 pub(super) fn checked_position(position: DVec3, place: fmt::Arguments) -> Result<DVec3> {
     match position.to_array().into_iter().find(|x| x.is_nan() || x.abs() > f64::from(LARGEST)) {

@@ -2,7 +2,13 @@
 
 use super::groups::Groups;
 use crate::geometry::{Triangle, TriangleId};
-use std::collections::{BTreeMap, HashMap};
+use foldhash::fast::RandomState;
+use glam::Vec3;
+use hashbrown::HashTable;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::hash::BuildHasher;
+use std::sync::OnceLock;
 
 /// A vertex after welding: corners at exactly the same position are one vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -20,34 +26,79 @@ pub struct HalfEdge {
 pub struct Topology {
     pub corners: Vec<[VertexId; 3]>,
     pub vertex_count: usize,
-    /// Sorted by edge; see [`Topology::edges`].
-    half_edges: Vec<((VertexId, VertexId), HalfEdge)>,
+    /// Sorted by edge; see [`Topology::edges`]. Found when first asked for.
+    known_half_edges: OnceLock<Vec<HalfNumber>>,
 }
 
+/// A half-edge as a number, 3 · triangle + start: there are three per triangle, so their size counts.
+type HalfNumber = u32;
+
 impl Topology {
+    /// # Panics
+    /// If there are more than 2³² / 3 triangles.
     pub fn new(triangles: &[Triangle]) -> Topology {
-        let mut ids: HashMap<[u32; 3], VertexId> = HashMap::with_capacity(triangles.len());
-        let corners: Vec<[VertexId; 3]> = triangles
-            .iter()
-            .map(|triangle| {
-                triangle.p.map(|p| {
-                    let next = VertexId(ids.len() as u32);
-                    // Adding zero makes −0 equal to 0.
-                    *ids.entry(p.to_array().map(|x| (x + 0.0).to_bits())).or_insert(next)
-                })
-            })
-            .collect();
-        Topology { half_edges: sorted_half_edges(&corners), vertex_count: ids.len(), corners }
+        // A closed mesh has half as many vertices as triangles.
+        let mut vertices = Vertices::for_about(triangles.len() / 2);
+        let mut corners = Vec::with_capacity(triangles.len());
+        for Triangle { p: [a, b, c] } in triangles {
+            corners.push([vertices.at(*a), vertices.at(*b), vertices.at(*c)]);
+        }
+        Topology::of(corners, vertices.count())
+    }
+
+    /// The topology of triangles that are given as indices into a list of positions. It is that of
+    /// [`Topology::new`], found sooner: each position is looked up once, not at each corner.
+    ///
+    /// # Panics
+    /// If an index is out of range, or there are more than 2³² / 3 triangles.
+    pub(super) fn of_indexed(triangles: Vec<[u32; 3]>, positions: &[Vec3]) -> Topology {
+        let mut vertices = Vertices::for_about(positions.len());
+        let places: Vec<VertexId> = positions.iter().map(|p| vertices.at(*p)).collect();
+        // Vertices are numbered by their first corner, not their first position.
+        const UNNUMBERED: u32 = u32::MAX;
+        let mut numbers = vec![UNNUMBERED; vertices.count()];
+        let mut count = 0;
+        let mut number = |position: u32| {
+            let number = &mut numbers[places[position as usize].0 as usize];
+            if *number == UNNUMBERED {
+                *number = count;
+                count += 1;
+            }
+            VertexId(*number)
+        };
+        let corners = triangles.into_iter().map(|t| t.map(&mut number)).collect();
+        Topology::of(corners, count as usize)
+    }
+
+    fn of(corners: Vec<[VertexId; 3]>, vertex_count: usize) -> Topology {
+        assert!(corners.len() <= (HalfNumber::MAX / 3) as usize, "half-edges have 32-bit numbers");
+        Topology { corners, vertex_count, known_half_edges: OnceLock::new() }
+    }
+
+    /// The topology without the triangles that are not `kept`, each of which has the vertices of a kept one
+    /// before it: so the vertices stay as they are.
+    pub(super) fn without_copies(&self, kept: &[bool]) -> Topology {
+        let stays = |(corners, stays): (&[VertexId; 3], &bool)| stays.then_some(*corners);
+        let corners = self.corners.iter().zip(kept).filter_map(stays).collect();
+        Topology::of(corners, self.vertex_count)
+    }
+
+    fn half_edges(&self) -> &[HalfNumber] {
+        self.known_half_edges.get_or_init(|| sorted_half_edges(&self.corners, self.vertex_count))
     }
 
     /// Every edge once, with all triangles that have it, in either direction.
     pub fn edges(&self) -> impl Iterator<Item = impl Iterator<Item = HalfEdge> + '_> + '_ {
-        self.half_edges.chunk_by(|a, b| a.0 == b.0).map(|edge| edge.iter().map(|(_, half)| *half))
+        self.chunks().map(|edge| edge.iter().map(|half| half_edge(*half)))
     }
 
     /// Edges that only one triangle has. A closed mesh has none.
     pub fn open_edges(&self) -> usize {
-        self.half_edges.chunk_by(|a, b| a.0 == b.0).filter(|edge| edge.len() == 1).count()
+        self.chunks().filter(|edge| edge.len() == 1).count()
+    }
+
+    fn chunks(&self) -> impl Iterator<Item = &[HalfNumber]> {
+        self.half_edges().chunk_by(|a, b| ends(&self.corners, *a) == ends(&self.corners, *b))
     }
 
     /// Triangles that hang together by edges, part by part, of the parts that are closed: each edge
@@ -63,10 +114,8 @@ impl Topology {
         for id in (0..self.corners.len() as u32).map(TriangleId) {
             parts.entry(groups.root(id.index())).or_default().push(id);
         }
-        for edge in self.half_edges.chunk_by(|a, b| a.0 == b.0) {
-            if edge.len() % 2 == 1 {
-                parts.remove(&groups.root(edge[0].1.triangle.index()));
-            }
+        for edge in self.chunks().filter(|edge| edge.len() % 2 == 1) {
+            parts.remove(&groups.root(half_edge(edge[0]).triangle.index()));
         }
         parts.into_values().collect()
     }
@@ -75,28 +124,97 @@ impl Topology {
     pub fn duplicates(&self) -> usize {
         let mut sorted: Vec<[VertexId; 3]> = self.corners.clone();
         sorted.iter_mut().for_each(|corners| corners.sort_unstable());
-        sorted.sort_unstable();
+        sorted.par_sort_unstable();
         sorted.windows(2).filter(|pair| pair[0] == pair[1]).count()
     }
 }
 
-fn sorted_half_edges(corners: &[[VertexId; 3]]) -> Vec<((VertexId, VertexId), HalfEdge)> {
-    let mut half_edges = Vec::with_capacity(3 * corners.len());
-    for (index, corner) in corners.iter().enumerate() {
-        for start in 0..3 {
-            let (a, b) = (corner[start], corner[(start + 1) % 3]);
-            let half = HalfEdge { triangle: TriangleId(index as u32), start };
-            half_edges.push(((a.min(b), a.max(b)), half));
+/// Vertices by their positions, numbered as they first appear.
+struct Vertices {
+    /// The bits of their coordinates.
+    positions: Vec<[u32; 3]>,
+    /// The positions' numbers. A table of numbers alone is small, so that it stays in a cache.
+    numbers: HashTable<u32>,
+    hasher: RandomState,
+}
+
+impl Vertices {
+    fn for_about(count: usize) -> Vertices {
+        Vertices {
+            positions: Vec::with_capacity(count),
+            numbers: HashTable::with_capacity(count),
+            hasher: RandomState::default(),
         }
     }
-    half_edges.sort_unstable_by_key(|(edge, half)| (*edge, half.triangle, half.start));
-    half_edges
+
+    fn at(&mut self, position: Vec3) -> VertexId {
+        let Vertices { positions, numbers, hasher } = self;
+        // Adding zero makes −0 equal to 0.
+        let [x, y, z] = (position + Vec3::ZERO).to_array();
+        let bits = [x.to_bits(), y.to_bits(), z.to_bits()];
+        let at = |number: &u32| positions[*number as usize];
+        let same = |number: &u32| at(number) == bits;
+        let known = numbers.entry(hasher.hash_one(bits), same, |n| hasher.hash_one(at(n)));
+        let number = *known.or_insert(positions.len() as u32).get();
+        if number as usize == positions.len() {
+            positions.push(bits);
+        }
+        VertexId(number)
+    }
+
+    fn count(&self) -> usize {
+        self.positions.len()
+    }
+}
+
+fn half_edge(number: HalfNumber) -> HalfEdge {
+    HalfEdge { triangle: TriangleId(number / 3), start: (number % 3) as usize }
+}
+
+/// The ends of a half-edge, the lower vertex first.
+#[inline]
+fn ends(corners: &[[VertexId; 3]], half: HalfNumber) -> (VertexId, VertexId) {
+    let HalfEdge { triangle, start } = half_edge(half);
+    let corners = &corners[triangle.index()];
+    let (a, b) = (corners[start], corners[(start + 1) % 3]);
+    (a.min(b), a.max(b))
+}
+
+/// All half-edges, sorted by their lower vertex, then by their higher one, then by number.
+///
+/// They are counted into one bin per lower vertex. A bin holds few, so it is quickly sorted, and no list
+/// of keys is needed.
+fn sorted_half_edges(corners: &[[VertexId; 3]], vertex_count: usize) -> Vec<HalfNumber> {
+    let halves = || 0..3 * corners.len() as HalfNumber;
+    let bin = |half| ends(corners, half).0.0 as usize;
+    let mut sizes = vec![0u32; vertex_count];
+    halves().for_each(|half| sizes[bin(half)] += 1);
+    let mut filled = 0;
+    let mut next: Vec<u32> = sizes
+        .iter()
+        .map(|size| {
+            filled += size;
+            filled - size
+        })
+        .collect();
+    let mut sorted = vec![0; 3 * corners.len()];
+    for half in halves() {
+        let place = &mut next[bin(half)];
+        sorted[*place as usize] = half;
+        *place += 1;
+    }
+    let mut rest = sorted.as_mut_slice();
+    for size in sizes {
+        let (bin, others) = rest.split_at_mut(size as usize);
+        bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half));
+        rest = others;
+    }
+    sorted
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn tetrahedron() -> Vec<Triangle> {
         let p = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z];
@@ -113,6 +231,46 @@ mod tests {
         assert_eq!((topology.open_edges(), topology.duplicates()), (0, 0));
         triangles.pop();
         assert_eq!(Topology::new(&triangles).open_edges(), 3);
+    }
+
+    #[test]
+    fn indexed_triangles_have_the_topology_of_their_corners() {
+        // Two names for one place, one in another order than the corners, one that no triangle has.
+        let p = [Vec3::ONE, Vec3::Z, Vec3::ZERO, Vec3::X, -Vec3::ZERO, Vec3::Y];
+        let indices = vec![[2, 5, 3], [4, 3, 1], [3, 5, 1], [5, 2, 1]];
+        let triangles: Vec<Triangle> =
+            indices.iter().map(|t| Triangle { p: t.map(|k: u32| p[k as usize]) }).collect();
+        let (direct, indexed) = (Topology::new(&triangles), Topology::of_indexed(indices, &p));
+        assert_eq!((&indexed.corners, indexed.vertex_count), (&direct.corners, 4));
+        assert_eq!(indexed.open_edges(), 0);
+    }
+
+    #[test]
+    fn without_copies_the_topology_is_that_of_the_others() {
+        let mut triangles = tetrahedron();
+        let [a, b, c] = triangles[1].p;
+        triangles.insert(2, Triangle::new(c, b, a));
+        let kept = [true, true, false, true, true];
+        let left = Topology::new(&triangles).without_copies(&kept);
+        let direct = Topology::new(&tetrahedron());
+        assert_eq!((left.corners, left.vertex_count), (direct.corners, direct.vertex_count));
+    }
+
+    #[test]
+    fn edges_come_in_the_order_of_their_vertices_each_with_its_triangles() {
+        let topology = Topology::new(&tetrahedron());
+        let half = |h: HalfEdge| (h.triangle.0, h.start);
+        let edges: Vec<Vec<_>> = topology.edges().map(|edge| edge.map(half).collect()).collect();
+        // The faces are 0 2 1, 0 1 3, 1 2 3, 2 0 3, of which the first names the vertices 0 1 2.
+        let expected = [
+            [(0, 0), (3, 0)], // 0 1
+            [(0, 2), (1, 0)], // 0 2
+            [(1, 2), (3, 1)], // 0 3
+            [(0, 1), (2, 0)], // 1 2
+            [(2, 1), (3, 2)], // 1 3
+            [(1, 1), (2, 2)], // 2 3
+        ];
+        assert_eq!(edges, expected);
     }
 
     #[test]
