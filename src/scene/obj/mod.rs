@@ -11,9 +11,10 @@ mod mtl_reader;
 mod notes;
 mod pictures;
 mod reader;
+mod words;
 
 use super::material::{Material, MaterialId};
-use super::mesh::{Mesh, Origin, PerCorner};
+use super::mesh::{Origin, PerCorner};
 use super::model::Model;
 use super::triangulate::Triangulator;
 use crate::color::Rgb;
@@ -23,7 +24,7 @@ use glam::DVec3;
 use mtl_files::read_library;
 use mtl_materials::{Materials, Role, materials};
 use mtl_reader::Library;
-use reader::{Corner, ObjFile, read_obj};
+use reader::{ObjFile, read_obj};
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
@@ -40,10 +41,10 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     let mut library = read_library(path, &mut obj);
     let mut warnings = std::mem::take(&mut obj.warnings);
 
-    let of_faces = materials_of_faces(&obj, &library);
+    let of_runs = materials_of_runs(&obj, &library);
     let default = library.entries.len();
     let mut used = vec![false; default + 1];
-    of_faces.iter().for_each(|id| used[id.0 as usize] = true);
+    of_runs.iter().for_each(|id| used[id.0 as usize] = true);
     let role = |i: usize| Role { used: used[i], replaced: overrides(&library.entries[i].name) };
     let Materials { list: mut materials, textures, files } =
         materials(&library, role, &mut warnings);
@@ -57,9 +58,8 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
         let undefined = materials.iter_mut().enumerate().filter(|(i, _)| !defined(*i));
         undefined.for_each(|(_, material)| material.reflectance = Rgb::ONE);
     }
-    let model = cut(obj);
-    let material_of = model.mesh.origins.iter().map(|o| of_faces[o.face as usize - 1]).collect();
-    Ok(Model { material_of, materials, textures, files: library.files, warnings, ..model })
+    let model = cut(obj, &of_runs);
+    Ok(Model { materials, textures, files: library.files, warnings, ..model })
 }
 
 fn text_of(path: &Path) -> Result<String> {
@@ -72,66 +72,76 @@ fn text_of(path: &Path) -> Result<String> {
     decode(bytes, path, "OBJ")
 }
 
-/// Each face's material, an index into the entries of `library`; the number of entries stands for
+/// Each run's material, an index into the entries of `library`; the number of entries stands for
 /// the default.
-fn materials_of_faces(obj: &ObjFile, library: &Library) -> Vec<MaterialId> {
+fn materials_of_runs(obj: &ObjFile, library: &Library) -> Vec<MaterialId> {
     let known = |name| library.find(name).expect("undefined materials have been added");
     let numbers: Vec<usize> = obj.materials.iter().map(|named| known(&named.name)).collect();
     let number = |material: Option<usize>| material.map_or(library.entries.len(), |m| numbers[m]);
-    obj.faces.iter().map(|face| MaterialId(number(face.material) as u32)).collect()
+    obj.runs.iter().map(|run| MaterialId(number(run.material) as u32)).collect()
 }
 
-/// Cuts the faces into triangles, in file order.
-fn cut(obj: ObjFile) -> Model {
-    let (mut triangles, mut origins) = (Vec::new(), Vec::new());
-    let (mut texture, mut normals) = (Vec::new(), Vec::new());
+/// Cuts the faces into triangles, in file order; `of_runs` are the materials of the runs.
+fn cut(obj: ObjFile, of_runs: &[MaterialId]) -> Model {
+    let (mut model, mut texture, mut normals) = (Model::default(), Vec::new(), Vec::new());
     let mut triangulator = Triangulator::new();
     let (mut polygon, mut cuts) = (Vec::new(), Vec::new());
     let mut copies = Copies { positions: &obj.positions, first: HashMap::new() };
-    let mut rest = obj.corners.as_slice();
+    let mut end = 0;
     for (number, face) in (1..).zip(&obj.faces) {
-        let (corners, others) = rest.split_at(face.arity);
-        rest = others;
+        let range = end..end + face.arity as usize;
+        end = range.end;
         if face.arity < 3 {
             continue;
         }
+        let corners = &obj.corners.positions[range.clone()];
         // A copy of a polygon is cut as the first one was, so that their triangles coincide too.
         let ring = copies.first_like(corners);
         polygon.clear();
-        polygon.extend(ring.iter().map(|corner| obj.positions[corner.position as usize - 1]));
+        polygon.extend(ring.iter().map(|corner| obj.positions[*corner as usize - 1]));
         cuts.clear();
         triangulator.triangulate(&polygon, &mut cuts);
         if !std::ptr::eq(ring, corners) {
             copies.translate(&mut cuts, ring, corners);
         }
+        let run = &obj.runs[face.run as usize];
         for cut in &cuts {
-            triangles.push(cut.map(|k| corners[k].position - 1));
-            origins.push(Origin { face: number, part: face.part });
-            texture.push(cut.map(|k| corners[k].texture));
-            normals.push(cut.map(|k| corners[k].normal));
+            model.triangles.push(cut.map(|k| corners[k] - 1));
+            model.material_of.push(of_runs[face.run as usize]);
+            model.mesh.origins.push(Origin { face: number, part: run.part });
         }
+        add_numbers(&mut texture, obj.corners.texture.get(range.clone()), &cuts);
+        add_numbers(&mut normals, obj.corners.normals.get(range), &cuts);
     }
     let colored = !obj.colors.is_empty();
-    let texture = PerCorner::new(obj.texture, texture);
-    let normals = PerCorner::new(obj.normals, normals);
-    let colors = colored.then(|| PerCorner {
+    let numbers = |corners: &[u32; 3]| corners.map(|k| k + 1);
+    model.mesh.colors = colored.then(|| PerCorner {
         values: obj.colors,
-        numbers: triangles.iter().map(|corners: &[u32; 3]| corners.map(|k| k + 1)).collect(),
+        numbers: model.triangles.iter().map(numbers).collect(),
     });
-    let mesh = Mesh { origins, parts: obj.parts, texture, normals, colors };
-    Model { positions: obj.positions, triangles, mesh, ..Model::default() }
+    model.mesh.parts = obj.parts;
+    model.mesh.texture = PerCorner::new(obj.texture, texture);
+    model.mesh.normals = PerCorner::new(obj.normals, normals);
+    Model { positions: obj.positions, ..model }
+}
+
+/// Adds the numbers that the corners of the cuts have. There are none where no corner of the file has any.
+fn add_numbers(list: &mut Vec<[u32; 3]>, of_face: Option<&[u32]>, cuts: &[[usize; 3]]) {
+    if let Some(numbers) = of_face {
+        list.extend(cuts.iter().map(|cut| cut.map(|k| numbers[k])));
+    }
 }
 
 /// Polygons by the places of their corners, to find those that are there twice, as the two sides of a sheet are.
 /// Either side may have vertices of its own.
 struct Copies<'o> {
     positions: &'o [DVec3],
-    first: HashMap<u64, &'o [Corner]>,
+    first: HashMap<u64, &'o [u32]>,
 }
 
 impl<'o> Copies<'o> {
     /// The first polygon with the corners of this one: itself if there was none.
-    fn first_like(&mut self, corners: &'o [Corner]) -> &'o [Corner] {
+    fn first_like(&mut self, corners: &'o [u32]) -> &'o [u32] {
         if corners.len() == 3 {
             return corners;
         }
@@ -143,24 +153,24 @@ impl<'o> Copies<'o> {
     }
 
     /// In an order of their own.
-    fn places(&self, corners: &[Corner]) -> Vec<[u64; 3]> {
-        let mut places: Vec<[u64; 3]> = corners.iter().map(|corner| self.place(corner)).collect();
+    fn places(&self, corners: &[u32]) -> Vec<[u64; 3]> {
+        let mut places: Vec<[u64; 3]> = corners.iter().map(|corner| self.place(*corner)).collect();
         places.sort_unstable();
         places
     }
 
     /// The bits of a corner's position; adding zero makes -0 a 0.
-    fn place(&self, corner: &Corner) -> [u64; 3] {
-        let position = self.positions[corner.position as usize - 1] + DVec3::ZERO;
+    fn place(&self, corner: u32) -> [u64; 3] {
+        let position = self.positions[corner as usize - 1] + DVec3::ZERO;
         position.to_array().map(f64::to_bits)
     }
 
     /// Makes of cuts of the ring `from` cuts of the ring `to`, which has the same places.
-    fn translate(&self, cuts: &mut [[usize; 3]], from: &[Corner], to: &[Corner]) {
-        let found = |place| to.iter().position(|corner| self.place(corner) == place);
-        let counterpart = |k: usize| found(self.place(&from[k])).expect("a place of both");
+    fn translate(&self, cuts: &mut [[usize; 3]], from: &[u32], to: &[u32]) {
+        let found = |place| to.iter().position(|corner| self.place(*corner) == place);
+        let counterpart = |k: usize| found(self.place(from[k])).expect("a place of both");
         let next = (counterpart(0) + 1) % to.len();
-        let is_reversed = self.place(&to[next]) != self.place(&from[1]);
+        let is_reversed = self.place(to[next]) != self.place(from[1]);
         for cut in cuts {
             *cut = cut.map(counterpart);
             if is_reversed {

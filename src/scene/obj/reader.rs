@@ -7,10 +7,11 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::ignored::LeftAside;
+use super::words::{corner, number_or_none, out_of_range, position, resolve_negative, zero_index};
 use crate::color::{Rgb, srgb_decode};
 use crate::error::{Error, Result, Warning};
 use crate::scene::mesh::Part;
-use crate::scene::text::{LARGEST, keyword_and_rest, number, numbered_lines, quote, words};
+use crate::scene::text::{keyword_and_rest, number, numbered_lines, words};
 use glam::{DVec3, Vec2, Vec3};
 
 /// An OBJ file as it was read. Every index is within its list.
@@ -23,8 +24,9 @@ pub(super) struct ObjFile {
     pub colors: Vec<Rgb>,
     /// One per `f` line, at least one of them with three corners.
     pub faces: Vec<Face>,
+    pub runs: Vec<Run>,
     /// The corners of all faces, one face after the other.
-    pub corners: Vec<Corner>,
+    pub corners: Corners,
     pub parts: Vec<Part>,
     /// The `mtllib` lines, in file order.
     pub libraries: Vec<Named>,
@@ -36,21 +38,41 @@ pub(super) struct ObjFile {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Face {
     /// How many corners it has.
-    pub arity: usize,
+    pub arity: u32,
+    /// Index into [`ObjFile::runs`].
+    pub run: u32,
+}
+
+/// What faces that follow each other have in common.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Run {
     /// Index into [`ObjFile::materials`].
     pub material: Option<usize>,
     /// Index into [`ObjFile::parts`].
     pub part: u32,
 }
 
-/// A corner of a face. Its numbers count from 1, as in the file.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Corner {
-    pub position: u32,
-    /// 0 if there is none.
-    pub texture: u32,
-    /// 0 if there is none.
-    pub normal: u32,
+/// The corners of faces. Their numbers count from 1, as in the file.
+#[derive(Debug, Default)]
+pub(super) struct Corners {
+    pub positions: Vec<u32>,
+    /// Numbers of texture coordinates, 0 for none; empty if no corner has any.
+    pub texture: Vec<u32>,
+    /// Numbers of normals, 0 for none; empty if no corner has any.
+    pub normals: Vec<u32>,
+}
+
+impl Corners {
+    fn push(&mut self, position: u32, texture: u32, normal: u32) {
+        let before = self.positions.len();
+        self.positions.push(position);
+        for (list, number) in [(&mut self.texture, texture), (&mut self.normals, normal)] {
+            if number != 0 || !list.is_empty() {
+                list.resize(before, 0);
+                list.push(number);
+            }
+        }
+    }
 }
 
 /// The words after a keyword, and the line where they stood first.
@@ -125,33 +147,21 @@ impl Reader {
 
     /// `f` with one word per corner: `v`, `v/vt`, `v//vn` or `v/vt/vn`.
     fn face(&mut self, line: usize, rest: &str) -> Result<()> {
-        let (material, part) = (self.material(line), self.part());
-        let before = self.file.corners.len();
+        let run = self.run(line);
+        let mut arity = 0;
         for word in words(rest) {
-            let corner = self.corner(line, word)?;
-            self.file.corners.push(corner);
+            let (index, texture, normal) = corner(word)?;
+            let position = self.vertex_number(line, index)?;
+            let texture = number_or_none(texture, self.file.texture.len());
+            let normal = number_or_none(normal, self.file.normals.len());
+            self.file.corners.push(position, texture, normal);
+            arity += 1;
         }
-        let arity = self.file.corners.len() - before;
         if arity < 3 {
             self.ignored.short_face(line);
         }
-        self.file.faces.push(Face { arity, material, part });
+        self.file.faces.push(Face { arity, run });
         Ok(())
-    }
-
-    fn corner(&mut self, line: usize, word: &str) -> Result<Corner> {
-        let (vertex, others) = word.split_once('/').unwrap_or((word, ""));
-        let numerals = others.bytes().all(|byte| b"0123456789+-/".contains(&byte));
-        let Some(index) = vertex.parse::<i64>().ok().filter(|_| numerals) else {
-            return Err(Error::new(format!("{} is not a vertex index", quote(word)))
-                .remedy("write each corner of a face as v, v/vt, v//vn or v/vt/vn"));
-        };
-        let (texture, normal) = others.split_once('/').unwrap_or((others, ""));
-        Ok(Corner {
-            position: self.vertex_number(line, index)?,
-            texture: number_or_none(texture, self.file.texture.len()),
-            normal: number_or_none(normal, self.file.normals.len()),
-        })
     }
 
     /// A vertex may come after the face, so positive indices are judged at the end of the file.
@@ -161,9 +171,7 @@ impl Reader {
             return resolve_negative(index, count);
         }
         if index == 0 {
-            return Err(Error::new("vertex index 0 does not exist").remedy(
-                "count vertices from 1, or backwards from -1, the vertex before the face",
-            ));
+            return Err(zero_index());
         }
         let highest = self.forward.last().map_or(count, |&(_, highest)| highest.max(count));
         if index as usize > highest {
@@ -221,6 +229,15 @@ impl Reader {
             self.ignored.bad_coordinate(line);
         }
         numbers
+    }
+
+    /// The run of the next face.
+    fn run(&mut self, line: usize) -> u32 {
+        let run = Run { material: self.material(line), part: self.part() };
+        if self.file.runs.last() != Some(&run) {
+            self.file.runs.push(run);
+        }
+        self.file.runs.len() as u32 - 1
     }
 
     /// The material of the next face. Only here is it listed, so that a material that no face uses
@@ -288,8 +305,7 @@ impl Reader {
         if self.bad_vertices.is_empty() {
             return;
         }
-        let corners = self.file.corners.iter();
-        let used: HashSet<u32> = corners.map(|corner| corner.position).collect();
+        let used: HashSet<u32> = self.file.corners.positions.iter().copied().collect();
         for (number, error) in std::mem::take(&mut self.bad_vertices) {
             // Without any faces it may be the reason why there are none.
             if used.contains(&number) || self.file.faces.is_empty() {
@@ -318,239 +334,16 @@ impl Reader {
     /// Light needs neither texture coordinates nor normals, so an index that points to nothing is
     /// no error.
     fn drop_dangling(&mut self) {
-        let (texture, normals) = (self.file.texture.len(), self.file.normals.len());
-        for corner in &mut self.file.corners {
-            if corner.texture as usize > texture {
-                corner.texture = 0;
-            }
-            if corner.normal as usize > normals {
-                corner.normal = 0;
-            }
+        let ObjFile { corners, texture, normals, .. } = &mut self.file;
+        for (list, count) in
+            [(&mut corners.texture, texture.len()), (&mut corners.normals, normals.len())]
+        {
+            list.iter_mut()
+                .filter(|number| **number as usize > count)
+                .for_each(|number| *number = 0);
         }
     }
-}
-
-/// The position of a `v` line, and its colour as it is written, if it has one; NaN if that is malformed.
-fn position(rest: &str) -> (Result<DVec3>, Option<Rgb>) {
-    let mut values = [0.0; 7];
-    let (mut count, mut malformed) = (0, None);
-    for word in words(rest) {
-        let value = number(word).unwrap_or_else(|error| {
-            // A malformed colour is no malformed position.
-            if count < 3 {
-                malformed.get_or_insert(error);
-            }
-            f64::NAN
-        });
-        if let Some(slot) = values.get_mut(count) {
-            *slot = value;
-        }
-        count += 1;
-    }
-    let color = || Rgb::new(values[3] as f32, values[4] as f32, values[5] as f32);
-    let (w, color) = match count {
-        3 => (1.0, None),
-        6 | 7 => (1.0, Some(color())),
-        4 => (values[3], None),
-        _ => return (Err(malformed.unwrap_or_else(|| wrong_vertex(count))), None),
-    };
-    let position = malformed.map_or_else(|| weighted(DVec3::from_slice(&values), w), Err);
-    (position, color)
-}
-
-fn wrong_vertex(count: usize) -> Error {
-    Error::new(format!("a vertex has 3 coordinates, this line has {count} numbers"))
-        .remedy("write `v x y z`, `v x y z w` or `v x y z r g b`")
-}
-
-fn weighted(coordinates: DVec3, w: f64) -> Result<DVec3> {
-    if w.is_nan() {
-        return Err(Error::new("the weight w is not a number").remedy("delete w, or set it to 1"));
-    }
-    if w == 0.0 {
-        return Err(Error::new("the weight w is 0, so the vertex is infinitely far away")
-            .remedy("delete w, or set it to 1"));
-    }
-    let position = coordinates / w;
-    match position.to_array().into_iter().find(|x| x.abs() > LARGEST as f64) {
-        Some(x) => Err(Error::new(format!("coordinate {x:e} is larger than {LARGEST:e}"))
-            .remedy("scale the model down, for instance from millimetres to metres")),
-        None => Ok(position),
-    }
-}
-
-/// The number of a texture coordinate or normal, of which there are `count` so far; 0 if the face
-/// gives none.
-fn number_or_none(word: &str, count: usize) -> u32 {
-    let index: i64 = word.parse().unwrap_or(0);
-    let number = if index < 0 { count as i64 + 1 + index } else { index };
-    u32::try_from(number).unwrap_or(0)
-}
-
-/// -1 is the latest of the `vertices` so far.
-fn resolve_negative(index: i64, vertices: usize) -> Result<u32> {
-    usize::try_from(index.unsigned_abs())
-        .ok()
-        .and_then(|back| (vertices + 1).checked_sub(back))
-        .filter(|number| *number > 0)
-        .map(|number| number as u32)
-        .ok_or_else(|| out_of_range(index, &format!("{vertices} vertices precede this line")))
-}
-
-fn out_of_range(index: i64, range: &str) -> Error {
-    Error::new(format!("vertex index {index} is out of range: {range}"))
-        .remedy("correct the index, or restore the missing `v` lines")
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
-
-    fn read(text: &str) -> Result<ObjFile> {
-        read_obj(Path::new("a.obj"), text)
-    }
-
-    /// The first line of the message, for `line` after the three vertices.
-    fn error_of(line: &str) -> String {
-        let faces = format!("{line}\nf 1 2 -1\n");
-        let error = read(&format!("{TRIANGLE}{faces}")).expect_err(line).to_string();
-        error.lines().next().unwrap_or_default().to_owned()
-    }
-
-    #[test]
-    fn a_face_with_two_vertices_is_left_out_and_keeps_its_number() {
-        let file = read(&format!("{TRIANGLE}f 1 2\nf\nf 1 2 3\n")).unwrap();
-        assert_eq!(file.faces.iter().map(|face| face.arity).collect::<Vec<_>>(), [2, 0, 3]);
-        assert_eq!(
-            file.warnings[1].to_string(),
-            "a.obj:4: a face with fewer than 3 vertices has no area and is ignored (2 in all)"
-        );
-        assert!(read(&format!("{TRIANGLE}f 1 2\n")).unwrap_err().cause().contains("no faces"));
-    }
-
-    #[test]
-    fn each_bad_index_is_told_with_its_range() {
-        assert_eq!(error_of("f 1 2 0"), "a.obj:4: vertex index 0 does not exist");
-        let range = "a.obj:4: vertex index 4 is out of range: the file has 3 vertices";
-        assert_eq!(error_of("f 1 2 4\nf 1 2 9"), range);
-        let range = "a.obj:4: vertex index -4 is out of range: 3 vertices precede this line";
-        assert_eq!(error_of("f 1 2 -4\nv 1 1 1"), range);
-        assert!(error_of(&format!("f 1 2 {}", i64::MAX)).contains("out of range"));
-        assert!(error_of(&format!("f 1 2 {}", i64::MIN)).contains("out of range"));
-        for word in ["99999999999999999999", "1.0", "/1", "1/x/1", "a\u{7}"] {
-            assert!(error_of(&format!("f 1 2 {word}")).contains("is not a vertex index"), "{word}");
-        }
-    }
-
-    #[test]
-    fn each_bad_vertex_names_its_line_and_word() {
-        assert_eq!(
-            error_of("v 1 2"),
-            "a.obj:4: a vertex has 3 coordinates, this line has 2 numbers"
-        );
-        assert!(error_of("v 1 2 3 4 5").contains("has 5 numbers"));
-        assert!(error_of("v 1 2 3 4 5 6 7 8 9").contains("has 9 numbers"));
-        assert_eq!(error_of("v 1 x 3"), "a.obj:4: `x` is not a number");
-        assert_eq!(error_of("v 1 nan 3"), "a.obj:4: `nan` is not a finite number");
-        assert_eq!(error_of("v 1 2 1.#QNAN"), "a.obj:4: `1.#QNAN` is not a number");
-        assert!(error_of("v 1 2 3 0").contains("weight w is 0"));
-        assert_eq!(error_of("v 1 -2e12 3"), "a.obj:4: coordinate -2e12 is larger than 1e12");
-        assert!(error_of("v 1 1 1 1e-20").contains("larger than 1e12"));
-    }
-
-    #[test]
-    fn indices_count_from_the_beginning_or_backwards() {
-        let text = "f 1/1/1 2//2 \\\n -1 # corner\nv 1 1 1 1 0 0\nf 5 -1 1\nv 2 2 2 2\n";
-        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        assert_eq!(file.positions[3..], [DVec3::ONE; 2]);
-        let numbers: Vec<u32> = file.corners.iter().map(|corner| corner.position).collect();
-        assert_eq!(numbers, [1, 2, 3, 5, 4, 1]);
-    }
-
-    #[test]
-    fn texture_coordinates_and_normals_are_kept_where_they_exist() {
-        let text = "vt .5\nvt 1 x\nvn 0 0 1\nf 1/-1/1 2/1 3/9/-2\n";
-        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        assert_eq!(file.texture, [Vec2::new(0.5, 0.0), Vec2::new(1.0, 0.0)]);
-        assert_eq!(file.normals, [Vec3::Z]);
-        let numbers = |corner: &Corner| (corner.texture, corner.normal);
-        assert_eq!(file.corners.iter().map(numbers).collect::<Vec<_>>(), [(2, 1), (1, 0), (0, 0)]);
-    }
-
-    #[test]
-    fn each_pair_of_object_and_group_is_one_part() {
-        let face = "f 1 2 3\n";
-        let text = format!("{face}o a b\n{face}g x\n{face}g\n{face}o c\ng x\ng\no a b\n{face}");
-        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        assert_eq!(file.faces.iter().map(|face| face.part).collect::<Vec<_>>(), [0, 1, 2, 1, 1]);
-        let named = |object: &str, group: &str| {
-            let name = |text: &str| (!text.is_empty()).then(|| text.to_owned());
-            Part { model: 0, object: name(object), group: name(group) }
-        };
-        assert_eq!(file.parts, [named("", ""), named("a b", ""), named("a b", "x")]);
-    }
-
-    #[test]
-    fn only_materials_of_faces_are_kept_and_each_once() {
-        let text =
-            "usemtl a\nusemtl b c\nf 1 2 3\nusemtl d\nf 1 2 3\nusemtl b c\nf 1 2 3\nusemtl e";
-        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        let named = |name: &str, line| Named { name: name.into(), line };
-        assert_eq!(file.materials, [named("b c", 5), named("d", 7)]);
-        let used: Vec<_> = file.faces.iter().map(|face| face.material).collect();
-        assert_eq!(used, [Some(0), Some(1), Some(0)]);
-        assert_eq!(file.warnings, []);
-    }
-
-    #[test]
-    fn a_file_without_faces_is_refused_without_a_line() {
-        let error = read(&format!("{TRIANGLE}l 1 2")).unwrap_err().to_string();
-        assert!(error.starts_with("a.obj: the file contains no faces"));
-    }
-
-    #[test]
-    fn all_malformed_lines_are_told_at_once_in_order() {
-        let text = "f 1 2 y\nv 1 x 3\nf 1 2 9\nf 1 2 4\nf 1 0 2\n";
-        let error = read(&format!("{TRIANGLE}{text}")).unwrap_err().to_string();
-        let lines: Vec<&str> = error.lines().collect();
-        assert_eq!(lines.len(), 5, "{error}");
-        assert!(lines[0].starts_with("a.obj:4:") && lines[1].starts_with("  help:"), "{error}");
-        assert_eq!(lines[2], "a.obj:5: `x` is not a number");
-        assert!(lines[3].starts_with("a.obj:6:") && lines[4].starts_with("a.obj:8:"), "{error}");
-    }
-
-    #[test]
-    fn numbers_that_nobody_uses_may_be_malformed() {
-        let text = "v nan 0 0\nvt inf 0\nvn nan nan nan\nf 1/1/1 2 3\nv 1 2\n";
-        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        assert_eq!((file.texture[0], file.normals[0]), (Vec2::ZERO, Vec3::ZERO));
-        assert!(file.positions.len() == 5 && file.positions.iter().all(|p| p.is_finite()));
-        let said: Vec<String> = file.warnings.iter().map(Warning::to_string).collect();
-        assert_eq!(said.len(), 3, "{said:?}");
-        assert!(said[1].starts_with("a.obj:4: a vertex that no face uses"), "{said:?}");
-        assert!(said[1].ends_with("(2 in all)") && said[2].ends_with("(2 in all)"), "{said:?}");
-    }
-
-    #[test]
-    fn a_blank_usemtl_stands_for_the_default_material() {
-        let text = "usemtl a\nf 1 2 3\nusemtl\nf 1 2 3\nf 3 2 1\nusemtl a\nf 1 2 3\n";
-        let file = read(&format!("{TRIANGLE}{text}")).unwrap();
-        let used: Vec<_> = file.faces.iter().map(|face| face.material).collect();
-        assert_eq!(used, [Some(0), None, None, Some(0)]);
-        assert_eq!(file.warnings.len(), 1);
-        assert!(file.warnings[0].to_string().starts_with("a.obj:6: `usemtl` without a name"));
-    }
-
-    #[test]
-    fn vertex_colours_are_decoded_from_srgb_and_white_ones_are_dropped() {
-        let colors = |text: &str| read(&format!("{text}f 1 2 3\n")).unwrap().colors;
-        let text = "v 0 0 0\nv 1 0 0 1 0 0.5\nv 0 1 0 1 x 1\n";
-        let grey = srgb_decode(0.5);
-        assert_eq!(colors(text), [Rgb::ONE, Rgb::new(1.0, 0.0, grey), Rgb::ONE]);
-        let text = "v 0 0 0 255 0 51 255\nv 1 0 0\nv 0 1 0\n";
-        assert_eq!(colors(text)[0], Rgb::new(1.0, 0.0, srgb_decode(0.2)));
-        assert!(colors("v 0 0 0 1 1 1\nv 1 0 0\nv 0 1 0 1 1 1 1\n").is_empty());
-    }
-}
+mod tests;
