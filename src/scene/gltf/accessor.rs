@@ -7,12 +7,13 @@ use super::json::{Accessor, Root, SparseList};
 use crate::error::{Error, Result};
 use crate::scene::beside::Files;
 use crate::scene::budget::Budget;
+use std::borrow::Cow;
 
 /// A model's JSON and its buffers.
 pub(super) struct Data<'a> {
     pub root: &'a Root,
     /// `None` for a buffer that nothing is known of.
-    buffers: Vec<Option<Vec<u8>>>,
+    buffers: Vec<Option<Cow<'a, [u8]>>>,
 }
 
 /// Where a list of items lies in a buffer.
@@ -20,6 +21,24 @@ struct Layout<'a> {
     bytes: &'a [u8],
     stride: usize,
     component: Component,
+}
+
+/// A number that is read: u32 for indices, f64 for all else.
+pub(super) trait Number: Copy {
+    fn of(number: f64) -> Self;
+}
+
+impl Number for f64 {
+    fn of(number: f64) -> f64 {
+        number
+    }
+}
+
+impl Number for u32 {
+    /// Exact, where the file has whole numbers.
+    fn of(number: f64) -> u32 {
+        number as u32
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,12 +53,12 @@ enum Component {
 
 impl<'a> Data<'a> {
     /// Reads the buffers. `binary` is the binary chunk.
-    pub(super) fn new(root: &'a Root, binary: Option<&[u8]>, files: &mut Files) -> Result<Self> {
+    pub(super) fn new(root: &'a Root, binary: Option<&'a [u8]>, files: &mut Files) -> Result<Self> {
         let (mut buffers, mut budget) = (Vec::new(), Budget::default());
         for (number, buffer) in root.buffers.iter().enumerate() {
             let bytes = match &buffer.uri {
-                Some(uri) => Some(files.uri(uri)?),
-                None if number == 0 => binary.map(<[u8]>::to_vec),
+                Some(uri) => Some(Cow::Owned(files.uri(uri)?)),
+                None if number == 0 => binary.map(Cow::Borrowed),
                 None => None,
             };
             if let Some(bytes) = bytes.as_ref().filter(|b| b.len() < buffer.byte_length) {
@@ -75,7 +94,7 @@ impl<'a> Data<'a> {
     }
 
     /// The items of an accessor, of N numbers each; normalised integers become shares.
-    pub(super) fn read<const N: usize>(&self, accessor: usize) -> Result<Vec<[f64; N]>> {
+    pub(super) fn read<T: Number, const N: usize>(&self, accessor: usize) -> Result<Vec<[T; N]>> {
         let json = self.accessor(accessor)?;
         let component = component(json.component_type, accessor)?;
         if components(&json.shape) != N {
@@ -91,7 +110,7 @@ impl<'a> Data<'a> {
         if let Some(sparse) = &json.sparse {
             let index = |list: &SparseList| (list.buffer_view, list.byte_offset);
             let kind = component_of_index(sparse.indices.component_type, accessor)?;
-            let indices: Vec<[f64; 1]> = self
+            let indices: Vec<[u32; 1]> = self
                 .layout(accessor, index(&sparse.indices), 1, kind, sparse.count)?
                 .items(sparse.count, false);
             let values = self
@@ -110,7 +129,7 @@ impl<'a> Data<'a> {
     pub(super) fn indices(&self, accessor: usize) -> Result<Vec<u32>> {
         let json = self.accessor(accessor)?;
         component_of_index(json.component_type, accessor)?;
-        Ok(self.read::<1>(accessor)?.into_iter().map(|[index]| index as u32).collect())
+        Ok(self.read::<u32, 1>(accessor)?.into_flattened())
     }
 
     /// How many items an accessor has, for those who check before they read.
@@ -124,13 +143,17 @@ impl<'a> Data<'a> {
     }
 
     /// An accessor without a buffer is zero, except for what is sparse.
-    fn zeros<const N: usize>(&self, accessor: usize, json: &Accessor) -> Result<Vec<[f64; N]>> {
+    fn zeros<T: Number, const N: usize>(
+        &self,
+        accessor: usize,
+        json: &Accessor,
+    ) -> Result<Vec<[T; N]>> {
         // Nothing else limits their number.
-        let bytes: usize = self.buffers.iter().flatten().map(Vec::len).sum();
+        let bytes: usize = self.buffers.iter().flatten().map(|bytes| bytes.len()).sum();
         if json.count > bytes {
             return Err(out_of_range(&format!("accessor {accessor}")));
         }
-        Ok(vec![[0.0; N]; json.count])
+        Ok(vec![[T::of(0.0); N]; json.count])
     }
 
     fn layout(
@@ -155,11 +178,11 @@ impl<'a> Data<'a> {
 }
 
 impl Layout<'_> {
-    fn items<const N: usize>(&self, count: usize, normalized: bool) -> Vec<[f64; N]> {
+    fn items<T: Number, const N: usize>(&self, count: usize, normalized: bool) -> Vec<[T; N]> {
         let size = self.component.size();
         let number = |item: usize, k: usize| {
             let at = item * self.stride + k * size;
-            self.component.number(&self.bytes[at..at + size], normalized)
+            T::of(self.component.number(&self.bytes[at..at + size], normalized))
         };
         (0..count).map(|item| std::array::from_fn(|k| number(item, k))).collect()
     }

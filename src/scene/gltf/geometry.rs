@@ -30,20 +30,33 @@ pub(super) struct Geometry {
     budget: Budget,
 }
 
-/// Values at corners, and each triangle's numbers of them.
+/// Values at corners, and each triangle's numbers of them, as far as there are any.
 #[derive(Default)]
 struct Attribute<T> {
     values: Vec<T>,
     numbers: Vec<[u32; 3]>,
 }
 
-impl<T> Attribute<T> {
-    /// Adds the values of a primitive, and those that its triangles have.
-    fn extend(&mut self, values: Vec<T>, triangles: &[[u32; 3]]) {
-        let (before, count) = (self.values.len() as u32, values.len() as u32);
+impl<T: Copy> Attribute<T> {
+    /// Adds the values of a primitive, and those that its triangles have; `before` is the number of triangles so
+    /// far.
+    fn extend(&mut self, values: Vec<T>, triangles: &[[u32; 3]], before: usize) {
+        if values.is_empty() {
+            return;
+        }
+        let (first, count) = (self.values.len() as u32 + 1, values.len() as u32);
         self.values.extend(values);
-        let number = |corner: u32| if corner < count { before + corner + 1 } else { 0 };
+        let number = |corner: u32| if corner < count { first + corner } else { 0 };
+        self.numbers.resize(before, [0; 3]);
         self.numbers.extend(triangles.iter().map(|corners| corners.map(number)));
+    }
+
+    /// The values of all triangles, of which there are `count`.
+    fn take(&mut self, count: usize) -> Option<PerCorner<T>> {
+        if !self.values.is_empty() {
+            self.numbers.resize(count, [0; 3]);
+        }
+        PerCorner::new(std::mem::take(&mut self.values), std::mem::take(&mut self.numbers))
     }
 }
 
@@ -74,7 +87,7 @@ impl Geometry {
             return Ok(());
         };
         let name = quoted(&mesh.name, place.mesh);
-        let mut positions = data.read::<3>(positions)?;
+        let mut positions = data.read::<f64, 3>(positions)?;
         pose::morph(data, place.node, mesh, primitive, &mut positions)?;
         let mut triangles = triangles(data, primitive, positions.len(), &name)?;
         self.reserve(positions.len(), triangles.len())?;
@@ -90,11 +103,10 @@ impl Geometry {
             self.positions.push(checked_position(position, place)?);
         }
         let part = self.parts.len() as u32 - 1;
-        for corners in triangles {
-            self.triangles.push(corners.map(|corner| corner + before));
-            self.material_of.push(place.material);
-            self.origins.push(Origin { face: self.triangles.len() as u32, part });
-        }
+        let first = self.triangles.len() as u32 + 1;
+        self.origins.extend((first..).zip(&triangles).map(|(face, _)| Origin { face, part }));
+        self.material_of.extend(triangles.iter().map(|_| place.material));
+        self.triangles.extend(triangles.iter().map(|t| t.map(|corner| corner + before)));
         Ok(())
     }
 
@@ -106,19 +118,20 @@ impl Geometry {
         triangles: &[[u32; 3]],
     ) -> Result<()> {
         let accessor = |name: &str| json::index(&primitive.attributes, name);
+        let before = self.triangles.len();
         let texture = match accessor(&format!("TEXCOORD_{}", place.texture_set)) {
-            Some(accessor) => data.read::<2>(accessor)?,
+            Some(accessor) => data.read::<f64, 2>(accessor)?,
             None => Vec::new(),
         };
         // v runs down in glTF.
         let up = |[u, v]: [f64; 2]| finite(Vec2::new(u as f32, (1.0 - v) as f32));
-        self.texture.extend(texture.into_iter().map(up).collect(), triangles);
+        self.texture.extend(texture.into_iter().map(up).collect(), triangles, before);
         let normals = match accessor("NORMAL") {
-            Some(accessor) => data.read::<3>(accessor)?,
+            Some(accessor) => data.read::<f64, 3>(accessor)?,
             None => Vec::new(),
         };
-        self.normals.extend(place.pose.normals(normals), triangles);
-        self.colors.extend(colors(data, accessor("COLOR_0"))?, triangles);
+        self.normals.extend(place.pose.normals(normals), triangles, before);
+        self.colors.extend(colors(data, accessor("COLOR_0"))?, triangles, before);
         Ok(())
     }
 
@@ -135,16 +148,13 @@ impl Geometry {
     }
 
     pub(super) fn mesh(&mut self) -> Mesh {
-        fn per_corner<T: Copy>(attribute: &mut Attribute<T>) -> Option<PerCorner<T>> {
-            let Attribute { values, numbers } = attribute;
-            PerCorner::new(std::mem::take(values), std::mem::take(numbers))
-        }
+        let count = self.triangles.len();
         Mesh {
             origins: std::mem::take(&mut self.origins),
             parts: std::mem::take(&mut self.parts),
-            texture: per_corner(&mut self.texture),
-            normals: per_corner(&mut self.normals),
-            colors: per_corner(&mut self.colors),
+            texture: self.texture.take(count),
+            normals: self.normals.take(count),
+            colors: self.colors.take(count),
         }
     }
 }
@@ -184,7 +194,9 @@ fn colors(data: &Data, accessor: Option<usize>) -> Result<Vec<Rgb>> {
         finite(Rgb::new(r as f32, g as f32, b as f32)).clamp(Rgb::ZERO, Rgb::ONE)
     };
     Ok(match data.shape(accessor)? {
-        4 => data.read::<4>(accessor)?.into_iter().map(|[r, g, b, _]| color(r, g, b)).collect(),
-        _ => data.read::<3>(accessor)?.into_iter().map(|[r, g, b]| color(r, g, b)).collect(),
+        4 => {
+            data.read::<f64, 4>(accessor)?.into_iter().map(|[r, g, b, _]| color(r, g, b)).collect()
+        }
+        _ => data.read::<f64, 3>(accessor)?.into_iter().map(|[r, g, b]| color(r, g, b)).collect(),
     })
 }

@@ -28,7 +28,7 @@ impl Pose<'_> {
             let moved = vertices.map(|vertex| self.world.transform_point3(vertex)).collect();
             return Ok((moved, is_mirror(&self.world)));
         };
-        let (joints, weights) = (data.read::<4>(joints)?, data.read::<4>(weights)?);
+        let (joints, weights) = (data.read::<f64, 4>(joints)?, data.read::<f64, 4>(weights)?);
         let moved = |(k, vertex): (usize, DVec3)| match (joints.get(k), weights.get(k)) {
             (Some(joints), Some(weights)) => blend(matrices, joints, weights, vertex),
             _ => self.world.transform_point3(vertex),
@@ -63,7 +63,7 @@ pub(super) fn joints(
 ) -> Result<Option<Vec<DAffine3>>> {
     let Some(skin) = data.root.skins.get(skin) else { return Ok(None) };
     let inverse = match skin.inverse_bind_matrices {
-        Some(accessor) => data.read::<16>(accessor)?,
+        Some(accessor) => data.read::<f64, 16>(accessor)?,
         None => Vec::new(),
     };
     let matrix = |(k, joint): (usize, &usize)| {
@@ -94,7 +94,7 @@ pub(super) fn morph(
     let Some(weights) = node.weights.as_ref().or(mesh.weights.as_ref()) else { return Ok(()) };
     for (target, weight) in primitive.targets.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
         let Some(accessor) = json::index(target, "POSITION") else { continue };
-        for (vertex, moved) in vertices.iter_mut().zip(data.read::<3>(accessor)?) {
+        for (vertex, moved) in vertices.iter_mut().zip(data.read::<f64, 3>(accessor)?) {
             *vertex = (DVec3::from(*vertex) + *weight * DVec3::from(moved)).into();
         }
     }
