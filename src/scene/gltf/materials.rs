@@ -1,16 +1,16 @@
 //! Materials of glTF models as diffuse ones, and their textures.
 
 use super::accessor::Data;
-use super::json::{self, Extensions, SpecularGlossiness, TextureInfo, TextureTransform};
+use super::images;
+use super::json::{self, Extensions, Root, SpecularGlossiness, TextureInfo, TextureTransform};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::scene::beside::Files;
-use crate::scene::budget::Budget;
 use crate::scene::material::Material;
 use crate::scene::text::quote;
-use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
+use crate::scene::texture::{Map, Texture, TextureId, Wrap};
 use glam::{Affine2, Vec2};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// A model's materials, in the order of its file, and what they need.
@@ -39,15 +39,14 @@ const LEFT_ASIDE: [(&str, &str); 10] = [
 
 /// Reads the materials; only those that are `used` need their textures.
 pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -> Materials {
+    let images = images::decode(data, files, &wanted_images(data.root, used));
     let mut reader = Reader {
         path,
         data,
-        files,
         out: Materials::default(),
-        images: HashMap::new(),
+        images,
         known: HashMap::new(),
         other_sets: 0,
-        budget: Budget::default(),
     };
     for (number, material) in data.root.materials.iter().enumerate() {
         reader.material(number, material, used[number]);
@@ -56,34 +55,77 @@ pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -
     reader.out
 }
 
-struct Reader<'a, 'f> {
+/// The images that the used materials show, each once, in the order of their first use.
+fn wanted_images(root: &Root, used: &[bool]) -> Vec<usize> {
+    let (mut wanted, mut known) = (Vec::new(), HashSet::new());
+    for (material, _) in root.materials.iter().zip(used).filter(|(_, used)| **used) {
+        let Maps { base, emissive, set } = Maps::of(material);
+        let shown = [base.as_ref(), emissive].into_iter().flatten();
+        for info in shown.filter(|info| texture_set(info) == set) {
+            if let Ok(image) = image_of(root, info)
+                && known.insert(image)
+            {
+                wanted.push(image);
+            }
+        }
+    }
+    wanted
+}
+
+/// The textures of a material that a diffuse one shows.
+struct Maps<'a> {
+    base: Option<TextureInfo>,
+    emissive: Option<&'a TextureInfo>,
+    /// The set of texture coordinates that both should use.
+    set: u32,
+}
+
+impl<'a> Maps<'a> {
+    fn of(json: &'a json::Material) -> Self {
+        let base = match glossy(json) {
+            Some(glossy) => glossy.diffuse_texture,
+            None => json.pbr_metallic_roughness.base_color_texture.clone(),
+        };
+        let emissive = json.emissive_texture.as_ref();
+        let set = base.as_ref().or(emissive).map_or(0, texture_set);
+        Maps { base, emissive, set }
+    }
+}
+
+fn glossy(json: &json::Material) -> Option<SpecularGlossiness> {
+    json::extension(&json.extensions, "KHR_materials_pbrSpecularGlossiness")
+}
+
+/// The image of a texture.
+fn image_of(root: &Root, info: &TextureInfo) -> Result<usize> {
+    let json = root.textures.get(info.index).ok_or_else(|| Error::new("it does not exist"))?;
+    let webp = json.extensions.get("EXT_texture_webp").and_then(|webp| webp.get("source"));
+    let source = json.source.or(webp.and_then(|source| source.as_u64()).map(|s| s as usize));
+    source.ok_or_else(|| Error::new("its picture is in a format that is not read"))
+}
+
+struct Reader<'a> {
     path: &'a Path,
     data: &'a Data<'a>,
-    files: &'a mut Files<'f>,
     out: Materials,
-    /// Decoded images by number; `None` for one that cannot be read.
-    images: HashMap<usize, Option<Texture>>,
+    /// Those that the used materials show, by number. What cannot be read is taken out when it has been said.
+    images: HashMap<usize, Result<Texture>>,
     known: HashMap<(usize, [Wrap; 2]), TextureId>,
     /// How many maps use other texture coordinates than their materials' first.
     other_sets: usize,
-    budget: Budget,
 }
 
-impl Reader<'_, '_> {
+impl Reader<'_> {
     fn material(&mut self, number: usize, json: &json::Material, used: bool) {
-        let glossy: Option<SpecularGlossiness> =
-            json::extension(&json.extensions, "KHR_materials_pbrSpecularGlossiness");
-        let pbr = &json.pbr_metallic_roughness;
-        let (factor, texture) = match &glossy {
-            Some(glossy) => (glossy.diffuse_factor, &glossy.diffuse_texture),
-            None => (pbr.base_color_factor, &pbr.base_color_texture),
+        let factor = match glossy(json) {
+            Some(glossy) => glossy.diffuse_factor,
+            None => json.pbr_metallic_roughness.base_color_factor,
         };
         let [r, g, b, alpha] = factor.unwrap_or([1.0; 4]).map(|x| x as f32);
-        let (base, emissive) = (texture.as_ref(), json.emissive_texture.as_ref());
-        let set = base.or(emissive).map_or(0, texture_set);
+        let Maps { base, emissive, set } = Maps::of(json);
         let mut map =
             |info: Option<&TextureInfo>| info.filter(|_| used).and_then(|info| self.map(info, set));
-        let (reflectance_map, radiance_map) = (map(base), map(emissive));
+        let (reflectance_map, radiance_map) = (map(base.as_ref()), map(emissive));
         let strength =
             json::number(&json.extensions, "KHR_materials_emissive_strength", "emissiveStrength");
         let emitted = json.emissive_factor.unwrap_or_default().map(|x| x * strength.unwrap_or(1.0));
@@ -110,17 +152,10 @@ impl Reader<'_, '_> {
             return None;
         }
         let root = self.data.root;
-        let Some(json) = root.textures.get(info.index) else {
-            self.warn_of(&format!("texture {}", info.index), &Error::new("it does not exist"));
-            return None;
-        };
-        let webp = json.extensions.get("EXT_texture_webp").and_then(|webp| webp.get("source"));
-        let source = json.source.or(webp.and_then(|source| source.as_u64()).map(|s| s as usize));
-        let Some(image) = source else {
-            let error = Error::new("its picture is in a format that is not read");
-            self.warn_of(&format!("texture {}", info.index), &error);
-            return None;
-        };
+        let image = image_of(root, info)
+            .map_err(|error| self.warn_of(&format!("texture {}", info.index), &error))
+            .ok()?;
+        let json = &root.textures[info.index];
         let sampler = json.sampler.and_then(|sampler| root.samplers.get(sampler));
         let wrap = sampler.map_or([None; 2], |s| [s.wrap_s, s.wrap_t]).map(wrap);
         let texture = self.texture(image, wrap)?;
@@ -131,34 +166,17 @@ impl Reader<'_, '_> {
         if let Some(id) = self.known.get(&(image, wrap)) {
             return Some(*id);
         }
-        if !self.images.contains_key(&image) {
-            let decoded = self.image(image);
-            if let Err(error) = &decoded {
-                self.warn_of(&format!("image {image}"), error);
+        let Ok(texture) = self.images.get(&image)? else {
+            if let Some(Err(error)) = self.images.remove(&image) {
+                self.warn_of(&format!("image {image}"), &error);
             }
-            self.images.insert(image, decoded.ok());
-        }
-        let texture = self.images[&image].clone()?;
+            return None;
+        };
+        let texture = texture.clone();
         let id = TextureId(self.out.textures.len() as u32);
         self.out.textures.push(texture.wrapped(wrap));
         self.known.insert((image, wrap), id);
         Some(id)
-    }
-
-    fn image(&mut self, image: usize) -> Result<Texture> {
-        let json = self.data.root.images.get(image);
-        let json = json.ok_or_else(|| Error::new("it does not exist"))?;
-        let name = json.name.clone().unwrap_or_else(|| match &json.uri {
-            Some(uri) if !uri.starts_with("data:") => uri.clone(),
-            _ => format!("image {image}"),
-        });
-        let texture = match (&json.uri, json.buffer_view) {
-            (Some(uri), _) => decode_texture(name, &self.files.uri(uri)?, [Wrap::Repeat; 2]),
-            (None, Some(view)) => decode_texture(name, self.data.view(view)?.0, [Wrap::Repeat; 2]),
-            (None, None) => Err(Error::new("it has no bytes")),
-        }?;
-        self.budget.take(size_of_val(&*texture.pixels) as u64)?;
-        Ok(texture)
     }
 
     fn warn_of(&mut self, what: &str, error: &Error) {

@@ -37,6 +37,8 @@ pub(super) fn materials(
     warnings: &mut Vec<Warning>,
 ) -> Materials {
     let (mut notes, mut pictures) = (Notes::default(), Pictures::default());
+    let entries = library.entries.iter().enumerate();
+    pictures.decode_ahead(entries.flat_map(|(index, entry)| shown(entry, role_of(index))));
     let mut material = |(index, entry): (usize, &Entry)| match entry.file.as_deref() {
         Some(file) => {
             let (role, mut unheard) = (role_of(index), Notes::default());
@@ -48,6 +50,14 @@ pub(super) fn materials(
     let list = library.entries.iter().enumerate().map(&mut material).collect();
     warnings.extend(notes.warnings());
     Materials { list, textures: pictures.textures, files: pictures.files }
+}
+
+/// The maps of a material that its [`Judge`] looks at, with the file that names them.
+fn shown(entry: &Entry, role: Role) -> impl Iterator<Item = (&Path, &MapLine)> {
+    let reflectance = entry.map_kd.as_ref().filter(|_| !role.replaced);
+    let maps = [reflectance, entry.map_ke.as_ref(), entry.map_d.as_ref()];
+    let file = entry.file.as_deref().filter(|_| role.used);
+    file.into_iter().flat_map(move |file| maps.into_iter().flatten().map(move |map| (file, map)))
 }
 
 /// Judges the values of one material.

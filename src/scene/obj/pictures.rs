@@ -1,6 +1,6 @@
 //! Finds and decodes the pictures that materials name, each once.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -9,6 +9,7 @@ use super::mtl_map::MapLine;
 use super::notes::{Kind, Notes};
 use crate::scene::text::read_bytes;
 use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
+use rayon::prelude::*;
 
 /// The textures of a model.
 #[derive(Debug, Default)]
@@ -18,6 +19,8 @@ pub(super) struct Pictures {
     pub files: Vec<PathBuf>,
     /// Of each file and use; `None` where it cannot be read.
     known: HashMap<(PathBuf, Use), Option<TextureId>>,
+    /// Files that were decoded ahead, or why they cannot be.
+    ahead: HashMap<PathBuf, Result<Texture, String>>,
 }
 
 /// What distinguishes two textures from one file.
@@ -28,6 +31,18 @@ struct Use {
 }
 
 impl Pictures {
+    /// Decodes the pictures that maps of MTL files name, all at once: this takes most of the time that
+    /// materials take.
+    pub(super) fn decode_ahead<'a>(&mut self, maps: impl Iterator<Item = (&'a Path, &'a MapLine)>) {
+        let path = |(file, map): (&Path, &MapLine)| locate(folder_of(file), &map.name);
+        let paths: HashSet<PathBuf> = maps.filter_map(path).collect();
+        let decoded = |path: PathBuf| {
+            let texture = decode(&path);
+            (path, texture)
+        };
+        self.ahead = paths.into_par_iter().map(decoded).collect();
+    }
+
     /// The picture of a `map_Kd` or `map_Ke` in the MTL `file`; `None`, and noted, if it cannot be read.
     pub(super) fn color(&mut self, file: &Path, map: &MapLine, notes: &mut Notes) -> Option<Map> {
         self.map(file, map, false, notes)
@@ -39,7 +54,7 @@ impl Pictures {
     }
 
     fn map(&mut self, file: &Path, map: &MapLine, opacity: bool, notes: &mut Notes) -> Option<Map> {
-        let folder = file.parent().unwrap_or(Path::new(""));
+        let folder = folder_of(file);
         let Some(path) = locate(folder, &map.name) else {
             notes.add(Kind::MissingPicture, file, map.line, &map.name);
             return None;
@@ -73,9 +88,8 @@ impl Pictures {
                 Texture::new(name, size, texture.pixels.clone(), wrap)
             }
             None => {
-                let bytes = read_bytes(path).map_err(|error| error.to_string())?;
-                let texture = decode_texture(name, &bytes, wrap);
-                let texture = texture.map_err(|error| error.cause().to_owned())?;
+                let decoded = self.ahead.get(path).cloned().unwrap_or_else(|| decode(path));
+                let texture = decoded?.wrapped(wrap);
                 self.files.push(path.to_path_buf());
                 if used.opacity { with_opacity(texture) } else { texture }
             }
@@ -89,6 +103,19 @@ impl Pictures {
         let pixels = &self.textures[map.texture.0 as usize].pixels;
         pixels.iter().all(|[r, g, b, _]| [*r, *g, *b] == [0; 3])
     }
+}
+
+/// The picture in a file, or why there is none.
+fn decode(path: &Path) -> Result<Texture, String> {
+    let bytes = read_bytes(path).map_err(|error| error.to_string())?;
+    let name = path.to_string_lossy().into_owned();
+    let texture = decode_texture(name, &bytes, [Wrap::Repeat; 2]);
+    texture.map_err(|error| error.cause().to_owned())
+}
+
+/// Where the names of pictures in an MTL file begin.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().unwrap_or(Path::new(""))
 }
 
 /// A picture that is opaque everywhere means its luminance: masks hold no opacity of their own. Grey values of
