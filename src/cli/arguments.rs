@@ -3,7 +3,7 @@
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::geometry::KernelKind;
-use crate::render::Frame;
+use crate::render::{Background, Frame};
 use crate::scene::Camera;
 use crate::scene::Document;
 use crate::scene::camera::is_view_name;
@@ -48,9 +48,10 @@ pub(super) struct RenderArguments {
     #[arg(long, value_name = "FACTOR|same", value_parser = parse_exposure, help_heading = "Picture")]
     pub exposure: Option<Exposure>,
 
-    /// Radiance behind the scene: one number or R,G,B [default: the sky]
-    #[arg(long, value_name = "RADIANCE", value_parser = parse_radiance, help_heading = "Picture")]
-    pub background: Option<Rgb>,
+    /// Radiance behind the scene: one number, R,G,B, or `transparent` (.png, .exr) [default: the sky]
+    #[arg(long, value_name = "RADIANCE|transparent", value_parser = parse_background,
+          help_heading = "Picture")]
+    pub background: Option<Background>,
 
     #[command(flatten)]
     pub look: ViewArguments,
@@ -264,6 +265,13 @@ fn parse_positive(text: &str) -> std::result::Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("expected a number above zero".into()),
+    }
+}
+
+fn parse_background(text: &str) -> std::result::Result<Background, String> {
+    match text {
+        "transparent" => Ok(Background::Transparent),
+        _ => parse_radiance(text).map(Background::Radiance),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::memory;
 use crate::plan::Plan;
-use crate::render::{Frame, Image};
+use crate::render::{Background, Frame, Image};
 use crate::scene::document::{ImageDefaults, MAX_SIZE};
 use crate::scene::{Camera, Document, Scene};
 use crate::settings::Settings;
@@ -165,6 +165,11 @@ struct Picture {
 /// shadings of a view follow each other.
 fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
     let format = Format::of(&arguments.output)?;
+    if arguments.background == Some(Background::Transparent) && format == Format::Hdr {
+        return Err(Error::new("a picture in Radiance's format has no transparency")
+            .in_file(&arguments.output)
+            .remedy("write .png or .exr, or give --background a radiance"));
+    }
     let shadings = without_repetition(&arguments.shading);
     let mut views: Vec<Option<String>> =
         without_repetition(&arguments.look.view).into_iter().map(Some).collect();

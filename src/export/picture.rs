@@ -5,13 +5,14 @@ use crate::error::{Error, Result};
 use crate::render::{Image, tone};
 use image::codecs::hdr::HdrEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, ImageFormat, Rgb32FImage};
+use image::{ExtendedColorType, ImageEncoder, ImageFormat, Rgb32FImage, Rgba32FImage};
 use std::io::Cursor;
 use std::path::Path;
 
 impl Image {
     /// Writes a picture in the format of the name's ending: `.png` (sRGB, after the exposure), `.exr` or
-    /// `.hdr` (linear radiance). Whole or not at all.
+    /// `.hdr` (linear radiance). Whole or not at all. Over a transparent background PNG and EXR have an alpha
+    /// channel, by which the colours are multiplied in EXR, as its readers expect.
     ///
     /// # Errors
     /// An ending that nobody writes, and whatever the system says.
@@ -19,6 +20,10 @@ impl Image {
         let path = path.as_ref();
         let bytes = Format::of(path)?.encode(self, exposure)?;
         write_all(vec![Output { path: path.to_path_buf(), bytes }])
+    }
+
+    fn is_transparent(&self) -> bool {
+        !self.coverage.is_empty()
     }
 }
 
@@ -58,17 +63,24 @@ impl Format {
         let encoded = match self {
             Format::Png => {
                 let quality = (CompressionType::Fast, FilterType::Adaptive);
-                PngEncoder::new_with_quality(&mut bytes, quality.0, quality.1).write_image(
-                    &tone::to_srgb(image, exposure),
-                    width,
-                    height,
-                    ExtendedColorType::Rgb8,
-                )
+                let (pixels, color) = match image.is_transparent() {
+                    true => (tone::to_srgb_and_alpha(image, exposure), ExtendedColorType::Rgba8),
+                    false => (tone::to_srgb(image, exposure), ExtendedColorType::Rgb8),
+                };
+                PngEncoder::new_with_quality(&mut bytes, quality.0, quality.1)
+                    .write_image(&pixels, width, height, color)
+            }
+            Format::Exr if image.is_transparent() => {
+                let pixels = image.pixels.iter().zip(&image.coverage);
+                let values = pixels.flat_map(|(p, alpha)| p.extend(*alpha).to_array()).collect();
+                Rgba32FImage::from_raw(width, height, values)
+                    .expect("four values per pixel")
+                    .write_to(&mut bytes, ImageFormat::OpenExr)
             }
             Format::Exr => {
                 let values = image.pixels.iter().flat_map(|p| p.to_array()).collect();
                 Rgb32FImage::from_raw(width, height, values)
-                    .expect("three values a pixel")
+                    .expect("three values per pixel")
                     .write_to(&mut bytes, ImageFormat::OpenExr)
             }
             Format::Hdr => {
@@ -89,7 +101,7 @@ mod tests {
 
     fn image() -> Image {
         let pixels = (0..6).map(|i| Rgb::new(i as f32, 0.5, 4.0 - 0.5 * i as f32)).collect();
-        Image { width: 3, height: 2, pixels, reflecting: vec![0.0; 6] }
+        Image { width: 3, height: 2, pixels, reflecting: vec![0.0; 6], coverage: vec![] }
     }
 
     #[test]
@@ -98,6 +110,19 @@ mod tests {
         let read = image::load_from_memory_with_format(&bytes, ImageFormat::OpenExr).unwrap();
         let values: Vec<f32> = image().pixels.iter().flat_map(|p| p.to_array()).collect();
         assert_eq!(read.into_rgb32f().into_raw(), values);
+    }
+
+    #[test]
+    fn a_transparent_background_gives_png_and_exr_an_alpha_channel() {
+        let image = Image { coverage: vec![0.25; 6], ..image() };
+        for (format, encoded) in
+            [(Format::Png, ImageFormat::Png), (Format::Exr, ImageFormat::OpenExr)]
+        {
+            let bytes = format.encode(&image, 1.0).unwrap();
+            let read = image::load_from_memory_with_format(&bytes, encoded).unwrap();
+            assert!(read.color().has_alpha());
+            assert!(read.into_rgba32f().pixels().all(|p| (p.0[3] - 0.25).abs() < 0.002));
+        }
     }
 
     #[test]

@@ -22,6 +22,17 @@ pub struct Image {
     /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit; 0 where there
     /// are none. An exposure is found from these.
     pub reflecting: Vec<f32>,
+    /// Per pixel, the share of its samples that met the scene, in [0, 1]; empty unless the background is
+    /// transparent.
+    pub coverage: Vec<f32>,
+}
+
+/// What is seen behind the scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Background {
+    Radiance(Rgb),
+    /// Nothing: pictures have an alpha channel.
+    Transparent,
 }
 
 /// Size and sampling of a picture.
@@ -32,8 +43,8 @@ pub struct Frame {
     /// Samples per pixel.
     pub samples: u32,
     pub seed: u64,
-    /// Radiance where a ray leaves the scene. `None`: the scene's.
-    pub background: Option<Rgb>,
+    /// What a ray shows that leaves the scene. `None`: the scene's radiance.
+    pub background: Option<Background>,
 }
 
 impl Frame {
@@ -88,14 +99,19 @@ pub fn render(
         },
     );
     progress.end();
-    (0..fields.len())
-        .map(|s| Image {
+    let is_transparent = frame.background == Some(Background::Transparent);
+    let image = |field: usize| {
+        let pixels = || rows.iter().skip(field).step_by(fields.len());
+        let coverage = || pixels().map(|p| p.coverage).collect();
+        Image {
             width: frame.width,
             height: frame.height,
-            pixels: rows.iter().skip(s).step_by(fields.len()).map(|p| p.radiance).collect(),
-            reflecting: rows.iter().skip(s).step_by(fields.len()).map(|p| p.reflecting).collect(),
-        })
-        .collect()
+            pixels: pixels().map(|p| p.radiance).collect(),
+            reflecting: pixels().map(|p| p.reflecting).collect(),
+            coverage: if is_transparent { coverage() } else { Vec::new() },
+        }
+    };
+    (0..fields.len()).map(image).collect()
 }
 
 /// One pixel, (x, y) from the top left, as [`render`] would draw it.
@@ -127,6 +143,7 @@ struct Shot<'a> {
 struct Pixel {
     radiance: Rgb,
     reflecting: f32,
+    coverage: f32,
 }
 
 /// How many samples of a pixel met a side with patches, and how many nothing.
@@ -222,7 +239,11 @@ impl<'m> Work<'m> {
         pixels: impl Iterator<Item = &'p mut Pixel>,
         look: impl Fn(usize) -> Look,
     ) {
-        let background = shot.frame.background.unwrap_or(shot.mesh.scene.background);
+        let background = match shot.frame.background {
+            None => shot.mesh.scene.background,
+            Some(Background::Radiance(radiance)) => radiance,
+            Some(Background::Transparent) => Rgb::ZERO,
+        };
         let mut first = 0;
         for (pixel, tally) in pixels.zip(&self.tallies) {
             let mut sum = background * tally.misses as f32;
@@ -240,6 +261,7 @@ impl<'m> Work<'m> {
             first += tally.points;
             pixel.radiance = sum / shot.frame.samples as f32;
             pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
+            pixel.coverage = 1.0 - tally.misses as f32 / shot.frame.samples as f32;
         }
     }
 }

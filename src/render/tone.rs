@@ -1,7 +1,7 @@
 //! From radiance to the display: one exposure for the whole picture.
 
 use super::Image;
-use crate::color::{luminance, srgb_encode};
+use crate::color::{Rgb, luminance, srgb_encode};
 
 /// The exposure of some images at which the 95th percentile of the luminance of what reflects is 0.8 of white:
 /// only lamps and what is near them clip. If nothing reflects, what shines counts; 1 for black images.
@@ -22,14 +22,26 @@ pub(crate) fn automatic_exposure(images: &[&Image]) -> f32 {
 
 /// 8-bit sRGB, three bytes per pixel.
 pub(crate) fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
-    let encode = |x: f32| (srgb_encode(x * exposure) * 255.0 + 0.5) as u8;
-    image.pixels.iter().flat_map(|p| p.to_array().map(encode)).collect()
+    image.pixels.iter().flat_map(|p| bytes(*p * exposure)).collect()
+}
+
+/// 8-bit sRGB and alpha, four bytes per pixel: the colour of what covers a part of a pixel, and that part.
+pub(crate) fn to_srgb_and_alpha(image: &Image, exposure: f32) -> Vec<u8> {
+    let pixel = |(radiance, coverage): (&Rgb, &f32)| {
+        let whole = if *coverage > 0.0 { *radiance / *coverage } else { Rgb::ZERO };
+        let [r, g, b] = bytes(whole * exposure);
+        [r, g, b, (coverage * 255.0 + 0.5) as u8]
+    };
+    image.pixels.iter().zip(&image.coverage).flat_map(pixel).collect()
+}
+
+fn bytes(color: Rgb) -> [u8; 3] {
+    color.to_array().map(|x| (srgb_encode(x) * 255.0 + 0.5) as u8)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::color::Rgb;
 
     /// Pixels of which some are lamps.
     fn image(values: &[(f32, bool)]) -> Image {
@@ -38,6 +50,7 @@ mod tests {
             height: 1,
             pixels: values.iter().map(|(v, _)| Rgb::splat(*v)).collect(),
             reflecting: values.iter().map(|(v, lamp)| if *lamp { 0.0 } else { *v }).collect(),
+            coverage: vec![],
         }
     }
 
@@ -56,6 +69,12 @@ mod tests {
         assert!((exposure(&[(1000.0, true); 4]) - 0.0008).abs() < 1e-9);
         let [dark, bright] = [1.0, 2.0].map(|value| image(&[(value, false); 9]));
         assert_eq!(automatic_exposure(&[&dark, &bright]), 0.4, "several images have one");
+    }
+
+    #[test]
+    fn alpha_is_what_is_covered_and_the_colour_is_that_of_the_cover() {
+        let half = Image { coverage: vec![0.5, 0.0], ..image(&[(0.5, false), (0.0, false)]) };
+        assert_eq!(to_srgb_and_alpha(&half, 1.0), [255, 255, 255, 128, 0, 0, 0, 0]);
     }
 
     #[test]

@@ -288,7 +288,8 @@ impl Document {
 
     /// Whether it says what shines.
     pub(super) fn names_lamps(&self) -> bool {
-        !self.emissions.is_empty() || self.materials.values().any(|m| m.radiance.is_some())
+        !self.emissions.is_empty()
+            || self.materials.values().any(MaterialOverride::replaces_radiance)
     }
 
     /// Replaces what `[materials.NAME]` tables say.

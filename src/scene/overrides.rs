@@ -47,6 +47,10 @@ impl MaterialOverride {
         }
     }
 
+    pub(super) fn replaces_radiance(&self) -> bool {
+        self.radiance.is_some()
+    }
+
     pub(super) fn replaces_reflectance(&self) -> bool {
         self.reflectance.is_some()
     }
