@@ -41,17 +41,27 @@ impl<C: RayCaster> Surfaces<C> {
             if seen.is_some() {
                 return seen;
             }
-            // Beyond the interval's start, which is open, nothing is met twice.
-            rest.t_min = found.t;
+            // Beyond the interval's start, which is open, nothing is met twice; but a kernel that rounds the
+            // interval (Embree's) may give the start itself.
+            rest.t_min = if found.t > rest.t_min { found.t } else { rest.t_min.next_up() };
             found = self.inner.nearest(&rest)?;
         }
+    }
+
+    fn is_grazing(&self, ray: &Ray, triangle: TriangleId) -> bool {
+        let normal = self.scene.triangles[triangle.index()].normal();
+        normal.dot(ray.direction).abs() <= GRAZING * ray.direction.length()
     }
 
     /// Of the triangles that the ray meets here in one plane, that which is seen, if any stops it.
     fn seen_here(&self, ray: &Ray, rest: &Ray, found: Hit, overlaps: &Overlaps) -> Option<Hit> {
         let faces =
             |t: TriangleId| self.scene.triangles[t.index()].normal().dot(ray.direction) < 0.0;
-        let others = overlaps.with(found.triangle).iter().filter_map(|&triangle| {
+        let others = match self.is_grazing(ray, found.triangle) {
+            true => &[],
+            false => overlaps.with(found.triangle),
+        };
+        let others = others.iter().filter_map(|&triangle| {
             let (t, u, v) =
                 MollerTrumbore::intersect(rest, &self.scene.triangles[triangle.index()])?;
             Some(Hit { triangle, t, u, v })
@@ -69,6 +79,10 @@ impl<C: RayCaster> Surfaces<C> {
         seen
     }
 }
+
+/// Below this cosine to the normal a ray meets triangles in one plane at distances that have little to do with
+/// each other, and the nearest is seen.
+pub(crate) const GRAZING: f32 = 1e-3;
 
 /// Whether a ray ends at a hit, by the opacity of the side that it meets.
 pub(crate) fn stops(scene: &Scene, ray: &Ray, hit: Hit, is_back: bool) -> bool {

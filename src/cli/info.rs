@@ -2,10 +2,12 @@
 
 use super::render::is_light;
 use super::{say, warn};
+use crate::color::Rgb64;
 use crate::error::Result;
+use crate::patches::{PatchId, PatchMesh, Subdivision};
 use crate::radiosity::{Choices, Method};
 use crate::scene::inspect::Inspection;
-use crate::scene::{Document, Scene};
+use crate::scene::{Document, Material, Scene};
 use crate::solution::Solution;
 use clap::ValueEnum;
 use std::fmt::Write;
@@ -86,8 +88,14 @@ fn describe(title: &str, scene: &Scene) -> String {
         bounds.max,
         facts.emitting_triangles(),
     );
-    if facts.objects > 0 {
-        let _ = writeln!(text, "  objects     {}", facts.objects);
+    let overlapping = scene.overlaps().triangles().count();
+    let counts = [
+        ("objects", facts.objects, ""),
+        ("textures", scene.textures.len(), ""),
+        ("overlaps", overlapping, " triangles in one plane with others"),
+    ];
+    for (name, count, what) in counts.into_iter().filter(|(_, count, _)| *count > 0) {
+        let _ = writeln!(text, "  {name:<11} {count}{what}");
     }
     let names: Vec<String> = scene.materials.iter().map(|m| shown(&m.name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
@@ -96,20 +104,52 @@ fn describe(title: &str, scene: &Scene) -> String {
         "\n  {:width$}  {:>9}  {:>12}  {:22}  {:22}  power (W)",
         "material", "triangles", "area", "reflectance", "radiance"
     );
-    for ((material, name), used) in scene.materials.iter().zip(&names).zip(&facts.materials) {
-        let sides = if material.two_sided { "  two-sided" } else { "" };
+    let power = emitted(scene);
+    for (k, (material, used)) in scene.materials.iter().zip(&facts.materials).enumerate() {
+        let name = &names[k];
         let _ = writeln!(
             text,
-            "  {:width$}  {:>9}  {:>12.4}  {:22}  {:22}  {}{sides}",
+            "  {:width$}  {:>9}  {:>12.4}  {:22}  {:22}  {}{}",
             name,
             used.triangles,
             used.area,
             channels(material.reflectance.as_dvec3()),
             channels(material.radiance.as_dvec3()),
-            channels(used.power),
+            channels(power.as_ref().map_or(used.power, |power| power[k])),
+            remarks(material),
         );
     }
     text
+}
+
+/// What the columns do not say about a material.
+fn remarks(material: &Material) -> String {
+    let mut text = String::new();
+    let mut add = |is_so: bool, words: &str| {
+        if is_so {
+            text += "  ";
+            text += words;
+        }
+    };
+    add(material.two_sided, "two-sided");
+    add(material.reflectance_map.is_some(), "textured");
+    add(material.radiance_map.is_some(), "glowing texture");
+    let opacity = format!("opacity {}", material.opacity);
+    add(material.opacity < 1.0, &opacity);
+    add(material.opacity_map.is_some(), "cut out");
+    text
+}
+
+/// The power of each material in watts, where textures make it vary.
+fn emitted(scene: &Scene) -> Option<Vec<Rgb64>> {
+    scene.materials.iter().find(|material| material.radiance_map.is_some())?;
+    let mesh = PatchMesh::subdivide(scene, Subdivision::Levels(0)).ok()?;
+    let mut power = vec![Rgb64::ZERO; scene.materials.len()];
+    for patch in (0..mesh.len() as u32).map(PatchId) {
+        let area = mesh.opaque_area(patch) * scene.metres_per_unit.powi(2);
+        power[mesh.side(patch).material.0 as usize] += mesh.exitance(patch).as_dvec3() * area;
+    }
+    Some(power)
 }
 
 /// A name of a file for a column: it must not speak to the terminal, and one long name must not pad all others.
@@ -120,7 +160,7 @@ fn shown(name: &str) -> String {
     escaped.take(LONGEST).collect::<String>() + ellipsis
 }
 
-fn channels(rgb: crate::color::Rgb64) -> String {
+fn channels(rgb: Rgb64) -> String {
     let short = |x: f64| if x == 0.0 { "0".to_string() } else { format!("{x:.4}") };
     format!("{} {} {}", short(rgb.x), short(rgb.y), short(rgb.z))
 }

@@ -51,7 +51,7 @@ impl Scene {
 
     /// The share of a piece's area that lies beside all covers.
     fn share_beside(&self, axis: usize, covers: &[Cover], piece: &Triangle) -> f64 {
-        let whole = flat::seen_along(axis, piece);
+        let whole = flat::seen_along(axis, piece).to_vec();
         let area = flat::area(&whole);
         let mut shown = vec![whole];
         for cover in covers {

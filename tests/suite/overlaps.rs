@@ -51,7 +51,8 @@ fn one_surface_is_seen_all_over_an_overlap() {
         let eye = origin + up * 1.5 + x * 0.2;
         let mut counts = [0; 2];
         for k in 0..10_000 {
-            let (u, v) = ((k % 100) as f32 / 25.0 - 1.98, (k / 100) as f32 / 25.0 - 1.98);
+            // No point lies on the rim of the carpet.
+            let (u, v) = ((k % 100) as f32 / 25.0 - 1.987, (k / 100) as f32 / 25.0 - 1.987);
             let on_carpet = -1.1 < u && u < 0.6 && -0.7 < v && v < 0.6;
             let ray = Ray::new(eye, origin + x * u + z * v - eye);
             let hit = tracer.nearest(&ray).expect("the room is closed").triangle;

@@ -19,8 +19,8 @@ pub(in crate::scene) fn axis_of(normal: Vec3) -> usize {
 }
 
 /// A triangle seen along an axis.
-pub(in crate::scene) fn seen_along(axis: usize, triangle: &Triangle) -> Polygon {
-    let mut corners = triangle.p.map(|p| flatten(axis, p.as_dvec3())).to_vec();
+pub(in crate::scene) fn seen_along(axis: usize, triangle: &Triangle) -> [DVec2; 3] {
+    let mut corners = triangle.p.map(|p| flatten(axis, p.as_dvec3()));
     if signed_area(&corners) < 0.0 {
         corners.swap(1, 2);
     }
@@ -37,6 +37,18 @@ pub(in crate::scene) fn height_at(axis: usize, triangle: &Triangle, point: DVec2
     let n = triangle.double_area_normal();
     let away = point - flatten(axis, p0);
     p0[axis] - flatten(axis, n).dot(away) / n[axis]
+}
+
+/// Whether some edge of one of two triangles has the other one outside, or inside by no more than `rim`.
+pub(in crate::scene) fn are_apart(a: &[DVec2; 3], b: &[DVec2; 3], rim: f64) -> bool {
+    let separates = |(a, b): (&[DVec2; 3], &[DVec2; 3])| {
+        (0..3).any(|k| {
+            let (from, along) = (a[k], a[(k + 1) % 3] - a[k]);
+            let most = rim * along.length();
+            b.iter().all(|&p| along.perp_dot(p - from) <= most)
+        })
+    };
+    [(a, b), (b, a)].into_iter().any(separates)
 }
 
 /// (u, v) of the point of a triangle's plane that is seen at `point`; `None` beside the triangle.

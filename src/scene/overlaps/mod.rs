@@ -14,6 +14,7 @@ use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 use flat::Polygon;
 use glam::Vec3;
+use near::Boxed;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
@@ -70,18 +71,18 @@ impl Overlaps {
         material_of: &[MaterialId],
         topology: impl FnOnce() -> &'t Topology,
     ) -> Overlaps {
-        let boxes: Vec<Bounds> = triangles.iter().map(padded).collect();
-        let normals: Vec<Vec3> = triangles.iter().map(Triangle::normal).collect();
-        let overlap = |a: u32, b: u32| {
-            let (a, b) = (a as usize, b as usize);
-            normals[a].dot(normals[b]).abs() > PARALLEL
-                && overlap(&triangles[a], &triangles[b], flat::axis_of(normals[a]))
+        let boxed = |(number, triangle): (usize, &Triangle)| Boxed {
+            bounds: padded(triangle),
+            number: number as u32,
         };
+        let boxes = triangles.iter().enumerate().map(boxed);
+        let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
         let most = MOST_PAIRS.0 * triangles.len() as u64 + MOST_PAIRS.1;
-        match near::pairs(&boxes, overlap, most) {
+        match near::pairs(boxes, overlap, most) {
             None => Overlaps { is_given_up: true, ..Overlaps::default() },
             Some(pairs) if pairs.is_empty() => Overlaps::default(),
             Some(pairs) => {
+                let normals = triangles.iter().map(Triangle::normal).collect();
                 let surfaces = Surfaces { triangles, material_of, topology: topology(), normals };
                 Overlaps::new(&surfaces, &pairs)
             }
@@ -117,14 +118,24 @@ fn padded(triangle: &Triangle) -> Bounds {
 
 /// Whether two triangles lie so near to each other over a common area that rays lifted off one of them start
 /// beyond the other. A common rim, no wider than that, does not count.
-fn overlap(a: &Triangle, b: &Triangle, axis: usize) -> bool {
+fn overlap(a: &Triangle, b: &Triangle) -> bool {
+    let (n, m) = (a.double_area_normal(), b.double_area_normal());
+    let squares = n.length_squared() * m.length_squared();
+    if n.dot(m).powi(2) <= f64::from(PARALLEL).powi(2) * squares {
+        return false;
+    }
     let tolerance = a.ray_offset().max(b.ray_offset()) as f64;
-    let n = a.normal().as_dvec3();
+    let n = n.normalize();
     let away = b.p.map(|p| n.dot((p - a.p[0]).as_dvec3()));
     if away.iter().all(|&d| d > tolerance) || away.iter().all(|&d| d < -tolerance) {
         return false;
     }
-    let common: Polygon = flat::common(&flat::seen_along(axis, a), &flat::seen_along(axis, b));
+    let axis = flat::axis_of(n.as_vec3());
+    let flat = [a, b].map(|triangle| flat::seen_along(axis, triangle));
+    if flat::are_apart(&flat[0], &flat[1], tolerance) {
+        return false;
+    }
+    let common: Polygon = flat::common(&flat[0], &flat[1]);
     let steepness = n[axis].abs();
     let apart = |&p| (flat::height_at(axis, a, p) - flat::height_at(axis, b, p)).abs() * steepness;
     flat::area(&common) > tolerance * flat::perimeter(&common)

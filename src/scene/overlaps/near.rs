@@ -1,130 +1,146 @@
-//! Pairs of boxes that touch, by divide and conquer: halves are compared only where their boxes touch
-//! (a join of two sets of boxes as in Zomorodian & Edelsbrunner, "Fast Software for Box Intersections",
-//! 2000, without their trees).
+//! Pairs of boxes that touch.
+//!
+//! The boxes are sorted by size, then along a Morton curve; eight in a row have a box around them, eight of those
+//! again, and so on. Each row of eight is compared with those behind it that its box touches.
 
 use crate::geometry::bounds::Bounds;
 use glam::Vec3;
+use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Sets as small as this are compared pair by pair.
-const FEW: usize = 24;
+/// Boxes, or boxes around boxes, in a row.
+const FANOUT: usize = 8;
 
-/// Larger sets are divided among threads.
-const MANY: usize = 4096;
+/// A numbered box.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Boxed {
+    pub bounds: Bounds,
+    pub number: u32,
+}
 
-/// The pairs of touching boxes that are `wanted`, the lower number first, in a fixed order. `None` if more
-/// than `most` pairs would have to be looked at.
+/// The pairs of touching boxes that are `wanted`, the lower number first, in order. `None` if more than `most`
+/// pairs would have to be looked at.
 pub(super) fn pairs(
-    boxes: &[Bounds],
+    boxes: impl ExactSizeIterator<Item = Boxed>,
     wanted: impl Fn(u32, u32) -> bool + Sync,
     most: u64,
 ) -> Option<Vec<(u32, u32)>> {
-    let join = Join { boxes, wanted, looked_at: AtomicU64::new(0), most };
-    let mut pairs = join.within((0..boxes.len() as u32).collect());
-    if join.is_exhausted() {
+    let tree = Tree::new(boxes.collect());
+    let looked_at = AtomicU64::new(0);
+    let of_row = |row: usize| {
+        let is_exhausted = looked_at.load(Ordering::Relaxed) > most;
+        let mut search = Search { tree: &tree, wanted: &wanted, looked_at: 0, found: Vec::new() };
+        if !is_exhausted {
+            search.pairs_of(row);
+        }
+        looked_at.fetch_add(search.looked_at, Ordering::Relaxed);
+        search.found
+    };
+    let rows = tree.levels[0].len();
+    let mut pairs: Vec<(u32, u32)> = (0..rows).into_par_iter().flat_map_iter(of_row).collect();
+    if looked_at.into_inner() > most {
         return None;
     }
     pairs.sort_unstable();
     Some(pairs)
 }
 
-struct Join<'b, F> {
-    boxes: &'b [Bounds],
-    wanted: F,
-    looked_at: AtomicU64,
-    most: u64,
+struct Tree {
+    boxes: Vec<Boxed>,
+    /// Around rows of `boxes`, then around rows of the level before.
+    levels: Vec<Vec<Bounds>>,
 }
 
-impl<F: Fn(u32, u32) -> bool + Sync> Join<'_, F> {
-    fn is_exhausted(&self) -> bool {
-        self.looked_at.load(Ordering::Relaxed) > self.most
-    }
-
-    fn of(&self, index: u32) -> &Bounds {
-        &self.boxes[index as usize]
-    }
-
-    fn around(&self, set: &[u32]) -> Bounds {
-        set.iter().fold(Bounds::EMPTY, |all, &index| all.with(self.of(index)))
-    }
-
-    fn within(&self, mut set: Vec<u32>) -> Vec<(u32, u32)> {
-        if set.len() <= FEW {
-            self.looked_at.fetch_add((set.len() * set.len() / 2) as u64, Ordering::Relaxed);
-            let others = |(k, &a): (usize, &u32)| set[k + 1..].iter().map(move |&b| (a, b));
-            let pairs = set.iter().enumerate().flat_map(others);
-            return pairs.filter_map(|(a, b)| self.wanted(a, b)).collect();
+impl Tree {
+    fn new(mut boxes: Vec<Boxed>) -> Tree {
+        let around = |bounds: Vec<&Bounds>| bounds.into_iter().fold(Bounds::EMPTY, Bounds::with);
+        let all = around(boxes.iter().map(|boxed| &boxed.bounds).collect());
+        boxes.par_sort_unstable_by_key(|boxed| (place(&boxed.bounds, &all), boxed.number));
+        let rows = boxes.chunks(FANOUT);
+        let first =
+            rows.map(|row| around(row.iter().map(|boxed| &boxed.bounds).collect())).collect();
+        let mut levels: Vec<Vec<Bounds>> = vec![first];
+        while let Some(below) = levels.last().filter(|level| level.len() > FANOUT) {
+            let above = below.chunks(FANOUT).map(|row| around(row.iter().collect())).collect();
+            levels.push(above);
         }
-        let many = set.len() > MANY;
-        let upper = self.upper_half(&mut set);
-        let (a, b) = (set.clone(), upper.clone());
-        let (mut found, (more, between)) = either(
-            many,
-            || self.within(set),
-            || either(many, || self.within(upper), || self.between(a, b)),
-        );
-        found.extend(more);
-        found.extend(between);
-        found
+        Tree { boxes, levels }
     }
 
-    fn between(&self, mut a: Vec<u32>, mut b: Vec<u32>) -> Vec<(u32, u32)> {
-        let around = self.around(&b);
-        a.retain(|&index| self.of(index).touches(&around));
-        let around = self.around(&a);
-        b.retain(|&index| self.of(index).touches(&around));
-        if a.is_empty() || b.is_empty() || self.is_exhausted() {
-            return Vec::new();
-        }
-        if a.len() * b.len() <= FEW * FEW {
-            self.looked_at.fetch_add((a.len() * b.len()) as u64, Ordering::Relaxed);
-            let pairs = a.iter().flat_map(|&a| b.iter().map(move |&b| (a, b)));
-            return pairs.filter_map(|(a, b)| self.wanted(a, b)).collect();
-        }
-        if a.len() < b.len() {
-            std::mem::swap(&mut a, &mut b);
-        }
-        let many = a.len() > MANY;
-        let (upper, copy) = (self.upper_half(&mut a), b.clone());
-        let (mut found, more) = either(many, || self.between(a, b), || self.between(upper, copy));
-        found.extend(more);
-        found
-    }
-
-    fn wanted(&self, a: u32, b: u32) -> Option<(u32, u32)> {
-        let touch = self.of(a).touches(self.of(b));
-        (touch && (self.wanted)(a, b)).then_some((a.min(b), a.max(b)))
-    }
-
-    /// Takes the half away whose centres lie farther along the set's longest side.
-    fn upper_half(&self, set: &mut Vec<u32>) -> Vec<u32> {
-        let centers: Bounds = set.iter().map(|&index| self.of(index).center()).collect();
-        let axis = longest(centers.diagonal());
-        let half = set.len() / 2;
-        // The number settles ties, so that the order is fixed.
-        let place = |index: &u32| self.of(*index).center()[axis];
-        set.select_nth_unstable_by(half, |a, b| place(a).total_cmp(&place(b)).then(a.cmp(b)));
-        set.split_off(half)
+    fn row(&self, row: usize) -> &[Boxed] {
+        &self.boxes[row * FANOUT..((row + 1) * FANOUT).min(self.boxes.len())]
     }
 }
 
-/// Does both, at the same time if that is worth it.
-fn either<A: Send, B: Send>(
-    parallel: bool,
-    a: impl FnOnce() -> A + Send,
-    b: impl FnOnce() -> B + Send,
-) -> (A, B) {
-    if parallel { rayon::join(a, b) } else { (a(), b()) }
+struct Search<'t, F> {
+    tree: &'t Tree,
+    wanted: &'t F,
+    looked_at: u64,
+    found: Vec<(u32, u32)>,
 }
 
-fn longest(v: Vec3) -> usize {
-    if v.x >= v.y && v.x >= v.z {
-        0
-    } else if v.y >= v.z {
-        1
-    } else {
-        2
+impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
+    /// The pairs of a row with itself and with those behind it.
+    fn pairs_of(&mut self, row: usize) {
+        let boxes = self.tree.row(row);
+        for (k, a) in boxes.iter().enumerate() {
+            self.compare(a, &boxes[k + 1..]);
+        }
+        let top = self.tree.levels.len() - 1;
+        self.descend(row, top, 0..self.tree.levels[top].len());
     }
+
+    fn descend(&mut self, row: usize, level: usize, nodes: Range<usize>) {
+        let tree = self.tree;
+        for node in nodes {
+            let last_row = (node + 1) * FANOUT.pow(level as u32) - 1;
+            let is_behind = last_row > row;
+            if !is_behind || !tree.levels[level][node].touches(&tree.levels[0][row]) {
+                continue;
+            }
+            if level == 0 {
+                self.compare_rows(row, node);
+            } else {
+                let below = tree.levels[level - 1].len();
+                self.descend(row, level - 1, node * FANOUT..((node + 1) * FANOUT).min(below));
+            }
+        }
+    }
+
+    fn compare_rows(&mut self, row: usize, other: usize) {
+        let tree = self.tree;
+        for a in tree.row(row) {
+            if a.bounds.touches(&tree.levels[0][other]) {
+                self.compare(a, tree.row(other));
+            }
+        }
+    }
+
+    fn compare(&mut self, a: &Boxed, others: &[Boxed]) {
+        self.looked_at += others.len() as u64;
+        for b in others.iter().filter(|b| b.bounds.touches(&a.bounds)) {
+            let pair = (a.number.min(b.number), a.number.max(b.number));
+            if (self.wanted)(pair.0, pair.1) {
+                self.found.push(pair);
+            }
+        }
+    }
+}
+
+/// Boxes with near numbers have near sizes and near places: how often the whole would be halved down to the size;
+/// then the bits of the centre's coordinates within the whole, 9 of each, interleaved (Morton, 1966).
+fn place(bounds: &Bounds, whole: &Bounds) -> u32 {
+    // What is no number casts to 0.
+    let share = bounds.diagonal().max_element() / whole.diagonal().max_element();
+    let halvings = (-share.log2()).clamp(0.0, 31.0) as u32;
+    let spread = |x: f32| {
+        let x = (x * 511.0) as u32 & 511;
+        (0..9).fold(0, |bits, bit| bits | (x >> bit & 1) << (3 * bit))
+    };
+    let center: Vec3 = (bounds.center() - whole.min) / whole.diagonal();
+    let [x, y, z] = center.to_array().map(spread);
+    halvings << 27 | x | y << 1 | z << 2
 }
 
 #[cfg(test)]
@@ -141,13 +157,15 @@ mod tests {
             Bounds { min: at, max: at + (size * size * 4.0).floor() }
         };
         let boxes: Vec<Bounds> = (0..700).map(number).collect();
+        let numbered =
+            || boxes.iter().enumerate().map(|(k, &bounds)| Boxed { bounds, number: k as u32 });
         let odd = |a: u32, b: u32| !(a + b).is_multiple_of(3);
-        let found = pairs(&boxes, odd, u64::MAX).unwrap();
+        let found = pairs(numbered(), odd, u64::MAX).unwrap();
         let all = (0..700).flat_map(|a| (a + 1..700).map(move |b| (a, b)));
         let touch = |&(a, b): &(u32, u32)| boxes[a as usize].touches(&boxes[b as usize]);
         let expected: Vec<_> = all.filter(touch).filter(|&(a, b)| odd(a, b)).collect();
         assert_eq!(found, expected);
         assert!(found.len() > 1000);
-        assert!(pairs(&boxes, odd, 1000).is_none(), "the limit holds");
+        assert!(pairs(numbered(), odd, 1000).is_none(), "the limit holds");
     }
 }

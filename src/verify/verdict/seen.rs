@@ -25,9 +25,8 @@ impl Rule {
     }
 }
 
-/// A cosine's sign is in doubt below this: the normal's components are off by 2 roundings of f32, and the sum of
-/// three products adds 3 to each, 15·2⁻²⁴ in all.
-const EDGE_ON: f64 = 16.0 * f32::EPSILON as f64 / 2.0;
+/// Rays as steep as this or less may count as grazing: the tracer's limit, with room for its rounding.
+const GRAZING: f64 = 2.0 * surfaces::GRAZING as f64;
 
 impl Judge<'_> {
     /// Whether the ray ends at a triangle that it meets, with (u, v) anywhere within the kernel's bounds.
@@ -35,13 +34,14 @@ impl Judge<'_> {
         let Some(scene) = self.scene.filter(|scene| scene.is_see_through()) else {
             return Rule::Yes;
         };
-        let Some(faces) = faces(met) else { return Rule::Unsure };
         let bounds = self.bounds(ray, arithmetic, met.triangle, &met.cramer);
-        let ends = |[u, v]: [f64; 2]| {
+        let backs = faces(met).map_or(vec![false, true], |faces| vec![!faces]);
+        let stops = |[u, v]: [f64; 2], is_back| {
             let hit = Hit { triangle: met.triangle, t: 1.0, u: u as f32, v: v as f32 };
-            surfaces::stops(scene, ray, hit, !faces)
+            surfaces::stops(scene, ray, hit, is_back)
         };
-        let around = corners(&bounds).map(ends);
+        let at = |place| backs.iter().map(move |&is_back| stops(place, is_back));
+        let around: Vec<bool> = corners(&bounds).into_iter().flat_map(at).collect();
         Rule::of(around.iter().all(|&stops| stops == around[0]).then_some(around[0]))
     }
 
@@ -64,12 +64,12 @@ impl Judge<'_> {
     }
 }
 
-/// Whether the ray meets the front; `None` where f32 may not tell.
+/// Whether the ray meets the front; `None` if it grazes it.
 fn faces(met: &Met) -> Option<bool> {
     let cramer = &met.cramer;
     let full = cramer.d.length() * cramer.e1.cross(cramer.e2).length();
     let cosine = cramer.det.value / full;
-    (cosine.abs() > EDGE_ON).then_some(cosine > 0.0)
+    (cosine.abs() > GRAZING).then_some(cosine > 0.0)
 }
 
 /// Of the box of (u, v) that the kernel may answer, and its middle.
