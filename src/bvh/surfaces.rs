@@ -35,15 +35,20 @@ impl<C: RayCaster> Surfaces<C> {
     }
 
     fn go_on(&self, ray: &Ray, mut found: Hit, overlaps: &Overlaps) -> Option<Hit> {
-        let mut rest = *ray;
+        let (mut rest, mut step) = (*ray, f32::EPSILON);
         loop {
             let seen = self.seen_here(ray, &rest, found, overlaps);
             if seen.is_some() {
                 return seen;
             }
             // Beyond the interval's start, which is open, nothing is met twice; but a kernel that rounds the
-            // interval (Embree's) may give the start itself.
-            rest.t_min = if found.t > rest.t_min { found.t } else { rest.t_min.next_up() };
+            // interval (Embree's) may give a t before it, for denormal directions far before it.
+            if found.t > rest.t_min {
+                rest.t_min = found.t;
+            } else {
+                rest.t_min = rest.t_min.max(f32::MIN_POSITIVE) * (1.0 + step);
+                step = (2.0 * step).min(1.0);
+            }
             found = self.inner.nearest(&rest)?;
         }
     }

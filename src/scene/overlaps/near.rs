@@ -53,10 +53,14 @@ struct Tree {
 }
 
 impl Tree {
-    fn new(mut boxes: Vec<Boxed>) -> Tree {
+    fn new(boxes: Vec<Boxed>) -> Tree {
         let around = |bounds: Vec<&Bounds>| bounds.into_iter().fold(Bounds::EMPTY, Bounds::with);
         let all = around(boxes.iter().map(|boxed| &boxed.bounds).collect());
-        boxes.par_sort_unstable_by_key(|boxed| (place(&boxed.bounds, &all), boxed.number));
+        let key =
+            |(k, boxed): (usize, &Boxed)| u64::from(place(&boxed.bounds, &all)) << 32 | k as u64;
+        let mut order: Vec<u64> = boxes.iter().enumerate().map(key).collect();
+        order.par_sort_unstable();
+        let boxes: Vec<Boxed> = order.iter().map(|key| boxes[*key as u32 as usize]).collect();
         let rows = boxes.chunks(FANOUT);
         let first =
             rows.map(|row| around(row.iter().map(|boxed| &boxed.bounds).collect())).collect();
@@ -133,7 +137,8 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
 fn place(bounds: &Bounds, whole: &Bounds) -> u32 {
     // What is no number casts to 0.
     let share = bounds.diagonal().max_element() / whole.diagonal().max_element();
-    let halvings = (-share.log2()).clamp(0.0, 31.0) as u32;
+    // The exponent of f32 is 127 at 1.
+    let halvings = 127u32.saturating_sub(share.to_bits() >> 23).min(31);
     let spread = |x: f32| {
         let x = (x * 511.0) as u32 & 511;
         (0..9).fold(0, |bits, bit| bits | (x >> bit & 1) << (3 * bit))
