@@ -17,7 +17,7 @@ impl Scene {
     /// Which triangles overlap in one plane. It is computed once, then shared by all clones, so change the
     /// triangles only before the first call.
     pub fn overlaps(&self) -> &Overlaps {
-        let find = || Overlaps::find(&self.triangles, &self.material_of, || self.topology());
+        let find = || Overlaps::find(&self.triangles, &self.material_of);
         self.known_overlaps.get_or_init(find)
     }
 

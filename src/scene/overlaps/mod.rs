@@ -14,7 +14,7 @@ use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 use flat::Polygon;
 use glam::Vec3;
-use near::Boxed;
+use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
@@ -64,50 +64,50 @@ impl Overlaps {
         self.first.windows(2).zip(numbers).filter(|(list, _)| list[0] < list[1]).map(|(_, t)| t)
     }
 
-    /// `material_of` has one entry per triangle; `topology` gives that of the triangles and is asked only if
-    /// some overlap.
-    pub(super) fn find<'t>(
-        triangles: &[Triangle],
-        material_of: &[MaterialId],
-        topology: impl FnOnce() -> &'t Topology,
-    ) -> Overlaps {
-        let boxed = |(number, triangle): (usize, &Triangle)| Boxed {
-            bounds: padded(triangle),
-            number: number as u32,
+    /// `material_of` has one entry per triangle.
+    pub(super) fn find(triangles: &[Triangle], material_of: &[MaterialId]) -> Overlaps {
+        let bounds_of = |number: u32| padded(&triangles[number as usize]);
+        let normals: Vec<Vec3> = triangles.par_iter().map(Triangle::normal).collect();
+        let overlap = |a: u32, b: u32| {
+            let (a, b) = (a as usize, b as usize);
+            normals[a].dot(normals[b]).abs() > PARALLEL && overlap(&triangles[a], &triangles[b])
         };
-        let boxes = triangles.iter().enumerate().map(boxed);
-        let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
         let most = MOST_PAIRS.0 * triangles.len() as u64 + MOST_PAIRS.1;
-        match near::pairs(boxes, overlap, most) {
+        match near::pairs(triangles.len(), bounds_of, overlap, most) {
             None => Overlaps { is_given_up: true, ..Overlaps::default() },
             Some(pairs) if pairs.is_empty() => Overlaps::default(),
-            Some(pairs) => {
-                let normals = triangles.iter().map(Triangle::normal).collect();
-                let surfaces = Surfaces { triangles, material_of, topology: topology(), normals };
-                Overlaps::new(&surfaces, &pairs)
-            }
+            Some(pairs) => Overlaps::new(triangles, material_of, &pairs),
         }
     }
 
-    fn new(of: &Surfaces, pairs: &[(u32, u32)]) -> Overlaps {
+    fn new(triangles: &[Triangle], material_of: &[MaterialId], pairs: &[(u32, u32)]) -> Overlaps {
         let mut both: Vec<(u32, u32)> = pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
         both.sort_unstable();
-        let count = of.triangles.len() as u32;
-        Overlaps {
+        let count = triangles.len() as u32;
+        let mut overlaps = Overlaps {
             first: (0..=count).map(|t| both.partition_point(|pair| pair.0 < t) as u32).collect(),
             others: both.iter().map(|pair| TriangleId(pair.1)).collect(),
-            rank: of.ranks(pairs),
+            rank: vec![0; triangles.len()],
             is_given_up: false,
+        };
+        let numbers: Vec<TriangleId> = overlaps.triangles().collect();
+        let surfaces = Surfaces {
+            triangles: numbers.iter().map(|t| triangles[t.index()]).collect(),
+            material_of: numbers.iter().map(|t| material_of[t.index()]).collect(),
+        };
+        let within = |t: u32| numbers.partition_point(|number| number.0 < t);
+        let pairs: Vec<_> = pairs.iter().map(|&(a, b)| (within(a), within(b))).collect();
+        for (rank, k) in (0..).zip(surfaces.in_order(&pairs)) {
+            overlaps.rank[numbers[k].index()] = rank;
         }
+        overlaps
     }
 }
 
-/// What decides which triangles make one surface.
-struct Surfaces<'a> {
-    triangles: &'a [Triangle],
-    material_of: &'a [MaterialId],
-    topology: &'a Topology,
-    normals: Vec<Vec3>,
+/// The triangles that overlap others.
+struct Surfaces {
+    triangles: Vec<Triangle>,
+    material_of: Vec<MaterialId>,
 }
 
 /// Grown by what lifts rays off the triangle.
@@ -119,13 +119,8 @@ fn padded(triangle: &Triangle) -> Bounds {
 /// Whether two triangles lie so near to each other over a common area that rays lifted off one of them start
 /// beyond the other. A common rim, no wider than that, does not count.
 fn overlap(a: &Triangle, b: &Triangle) -> bool {
-    let (n, m) = (a.double_area_normal(), b.double_area_normal());
-    let squares = n.length_squared() * m.length_squared();
-    if n.dot(m).powi(2) <= f64::from(PARALLEL).powi(2) * squares {
-        return false;
-    }
     let tolerance = a.ray_offset().max(b.ray_offset()) as f64;
-    let n = n.normalize();
+    let n = a.double_area_normal().normalize();
     let away = b.p.map(|p| n.dot((p - a.p[0]).as_dvec3()));
     if away.iter().all(|&d| d > tolerance) || away.iter().all(|&d| d < -tolerance) {
         return false;
@@ -142,28 +137,33 @@ fn overlap(a: &Triangle, b: &Triangle) -> bool {
         && common.iter().all(|p| apart(p) <= tolerance)
 }
 
-impl Surfaces<'_> {
-    /// Orders the triangles so that those of smaller surfaces come first.
+impl Surfaces {
+    /// The triangles, those of smaller surfaces first.
     ///
     /// A carpet may lie on many tiles, each smaller than it: so first all triangles of a material that hang
     /// together, be it by edges or by what overlaps them, are one surface; only then those that hang together by
     /// edges.
-    fn ranks(&self, pairs: &[(u32, u32)]) -> Vec<u32> {
+    fn in_order(&self, pairs: &[(usize, usize)]) -> Vec<usize> {
         let count = self.triangles.len();
+        let normals: Vec<Vec3> = self.triangles.iter().map(Triangle::normal).collect();
         let (mut surfaces, mut places) = (Groups::new(count), Groups::new(count));
-        for edge in self.topology.edges() {
-            let halves: Vec<usize> = edge.map(|half| half.triangle.index()).collect();
-            for pair in halves.windows(2).filter(|pair| self.continue_each_other(pair[0], pair[1]))
-            {
-                surfaces.join(pair[0], pair[1]);
-                places.join(pair[0], pair[1]);
+        for edge in Topology::new(&self.triangles).edges() {
+            let at_edge: Vec<usize> = edge.map(|half| half.triangle.index()).collect();
+            for pair in at_edge.windows(2) {
+                let &[a, b] = pair else { continue };
+                if self.material_of[a] == self.material_of[b]
+                    && normals[a].dot(normals[b]) > PARALLEL
+                {
+                    surfaces.join(a, b);
+                    places.join(a, b);
+                }
             }
         }
-        pairs.iter().for_each(|&(a, b)| places.join(a as usize, b as usize));
+        pairs.iter().for_each(|&(a, b)| places.join(a, b));
         let (mut of_material, mut of_surface) = (BTreeMap::new(), vec![0.0; count]);
         for (t, triangle) in self.triangles.iter().enumerate() {
-            let place = (places.root(t), self.material_of[t].0);
-            *of_material.entry(place).or_insert(0.0) += triangle.area();
+            *of_material.entry((places.root(t), self.material_of[t].0)).or_insert(0.0) +=
+                triangle.area();
             of_surface[surfaces.root(t)] += triangle.area();
         }
         let mut order: Vec<usize> = (0..count).collect();
@@ -173,15 +173,7 @@ impl Surfaces<'_> {
             // Areas are not negative, and the bits of such numbers are in their order.
             (material.to_bits(), of_surface[surface].to_bits(), Reverse((surface, t)))
         });
-        let mut rank = vec![0; count];
-        order.into_iter().enumerate().for_each(|(place, t)| rank[t] = place as u32);
-        rank
-    }
-
-    /// Whether two triangles with a common edge are parts of one flat surface.
-    fn continue_each_other(&self, a: usize, b: usize) -> bool {
-        self.material_of[a] == self.material_of[b]
-            && self.normals[a].dot(self.normals[b]) > PARALLEL
+        order
     }
 }
 

@@ -1,7 +1,8 @@
 //! Pairs of boxes that touch.
 //!
 //! The boxes are sorted by size, then along a Morton curve; eight in a row have a box around them, eight of those
-//! again, and so on. Each row of eight is compared with those behind it that its box touches.
+//! again, and so on. Each row of eight is compared with those behind it that its box touches. Only the boxes
+//! around rows are kept: there are as many boxes as triangles, and they are quickly made.
 
 use crate::geometry::bounds::Bounds;
 use glam::Vec3;
@@ -9,36 +10,30 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Boxes, or boxes around boxes, in a row.
+/// Boxes, or boxes around boxes, in a row; rows that look for others together.
 const FANOUT: usize = 8;
 
-/// A numbered box.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Boxed {
-    pub bounds: Bounds,
-    pub number: u32,
-}
-
-/// The pairs of touching boxes that are `wanted`, the lower number first, in order. `None` if more than `most`
-/// pairs would have to be looked at.
+/// Of the boxes with the numbers 0 to `count` − 1, the pairs that touch and are `wanted`, the lower number first,
+/// in order. `None` if more than `most` pairs would have to be looked at.
 pub(super) fn pairs(
-    boxes: impl ExactSizeIterator<Item = Boxed>,
+    count: usize,
+    bounds_of: impl Fn(u32) -> Bounds + Sync,
     wanted: impl Fn(u32, u32) -> bool + Sync,
     most: u64,
 ) -> Option<Vec<(u32, u32)>> {
-    let tree = Tree::new(boxes.collect());
+    let tree = Tree::new(count, bounds_of);
     let looked_at = AtomicU64::new(0);
-    let of_row = |row: usize| {
+    let of_group = |group: usize| {
         let is_exhausted = looked_at.load(Ordering::Relaxed) > most;
         let mut search = Search { tree: &tree, wanted: &wanted, looked_at: 0, found: Vec::new() };
         if !is_exhausted {
-            search.pairs_of(row);
+            search.pairs_of(group);
         }
         looked_at.fetch_add(search.looked_at, Ordering::Relaxed);
         search.found
     };
-    let rows = tree.levels[0].len();
-    let mut pairs: Vec<(u32, u32)> = (0..rows).into_par_iter().flat_map_iter(of_row).collect();
+    let groups = tree.levels[0].len().div_ceil(FANOUT);
+    let mut pairs: Vec<(u32, u32)> = (0..groups).into_par_iter().flat_map_iter(of_group).collect();
     if looked_at.into_inner() > most {
         return None;
     }
@@ -46,90 +41,117 @@ pub(super) fn pairs(
     Some(pairs)
 }
 
-struct Tree {
-    boxes: Vec<Boxed>,
-    /// Around rows of `boxes`, then around rows of the level before.
+struct Tree<B> {
+    bounds_of: B,
+    /// The boxes' numbers.
+    order: Vec<u32>,
+    /// Around rows of boxes, then around rows of the level before.
     levels: Vec<Vec<Bounds>>,
 }
 
-impl Tree {
-    fn new(boxes: Vec<Boxed>) -> Tree {
-        let around = |bounds: Vec<&Bounds>| bounds.into_iter().fold(Bounds::EMPTY, Bounds::with);
-        let all = around(boxes.iter().map(|boxed| &boxed.bounds).collect());
+impl<B: Fn(u32) -> Bounds + Sync> Tree<B> {
+    fn new(count: usize, bounds_of: B) -> Tree<B> {
+        let all = around((0..count as u32).map(&bounds_of));
         let key =
-            |(k, boxed): (usize, &Boxed)| u64::from(place(&boxed.bounds, &all)) << 32 | k as u64;
-        let mut order: Vec<u64> = boxes.iter().enumerate().map(key).collect();
-        order.par_sort_unstable();
-        let boxes: Vec<Boxed> = order.iter().map(|key| boxes[*key as u32 as usize]).collect();
-        let rows = boxes.chunks(FANOUT);
-        let first =
-            rows.map(|row| around(row.iter().map(|boxed| &boxed.bounds).collect())).collect();
-        let mut levels: Vec<Vec<Bounds>> = vec![first];
+            |number: u32| u64::from(place(&bounds_of(number), &all)) << 32 | u64::from(number);
+        let mut keys: Vec<u64> = (0..count as u32).into_par_iter().map(key).collect();
+        keys.par_sort_unstable();
+        let order: Vec<u32> = keys.into_iter().map(|key| key as u32).collect();
+        let rows = order.par_chunks(FANOUT);
+        let rows = rows.map(|row| around(row.iter().map(|&number| bounds_of(number)))).collect();
+        let mut levels: Vec<Vec<Bounds>> = vec![rows];
         while let Some(below) = levels.last().filter(|level| level.len() > FANOUT) {
-            let above = below.chunks(FANOUT).map(|row| around(row.iter().collect())).collect();
+            let above = below.chunks(FANOUT).map(|row| around(row.iter().copied())).collect();
             levels.push(above);
         }
-        Tree { boxes, levels }
+        Tree { bounds_of, order, levels }
     }
 
-    fn row(&self, row: usize) -> &[Boxed] {
-        &self.boxes[row * FANOUT..((row + 1) * FANOUT).min(self.boxes.len())]
+    fn row(&self, row: usize) -> &[u32] {
+        &self.order[row * FANOUT..((row + 1) * FANOUT).min(self.order.len())]
+    }
+
+    /// Adds the rows from `first` on that touch a box.
+    fn touching(&self, bounds: &Bounds, first: usize, rows: &mut Vec<usize>) {
+        let top = self.levels.len() - 1;
+        self.descend(bounds, first, (top, 0..self.levels[top].len()), rows);
+    }
+
+    fn descend(
+        &self,
+        bounds: &Bounds,
+        first: usize,
+        (level, nodes): (usize, Range<usize>),
+        rows: &mut Vec<usize>,
+    ) {
+        for node in nodes {
+            let end = (node + 1) * FANOUT.pow(level as u32);
+            if end <= first || !self.levels[level][node].touches(bounds) {
+                continue;
+            }
+            if level == 0 {
+                rows.push(node);
+            } else {
+                let below = self.levels[level - 1].len();
+                let children = node * FANOUT..((node + 1) * FANOUT).min(below);
+                self.descend(bounds, first, (level - 1, children), rows);
+            }
+        }
     }
 }
 
-struct Search<'t, F> {
-    tree: &'t Tree,
+struct Search<'t, B, F> {
+    tree: &'t Tree<B>,
     wanted: &'t F,
     looked_at: u64,
     found: Vec<(u32, u32)>,
 }
 
-impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
-    /// The pairs of a row with itself and with those behind it.
-    fn pairs_of(&mut self, row: usize) {
-        let boxes = self.tree.row(row);
-        for (k, a) in boxes.iter().enumerate() {
-            self.compare(a, &boxes[k + 1..]);
+impl<B: Fn(u32) -> Bounds + Sync, F: Fn(u32, u32) -> bool> Search<'_, B, F> {
+    /// The pairs of a group of rows with each other and with what is behind them.
+    fn pairs_of(&mut self, group: usize) {
+        let rows = group * FANOUT..((group + 1) * FANOUT).min(self.tree.levels[0].len());
+        let bounds = around(self.tree.levels[0][rows.clone()].iter().copied());
+        let mut others = Vec::new();
+        self.tree.touching(&bounds, rows.start, &mut others);
+        for row in rows {
+            self.pairs_of_row(row, &others);
         }
-        let top = self.tree.levels.len() - 1;
-        self.descend(row, top, 0..self.tree.levels[top].len());
     }
 
-    fn descend(&mut self, row: usize, level: usize, nodes: Range<usize>) {
+    fn pairs_of_row(&mut self, row: usize, others: &[usize]) {
         let tree = self.tree;
-        for node in nodes {
-            let last_row = (node + 1) * FANOUT.pow(level as u32) - 1;
-            let is_behind = last_row > row;
-            if !is_behind || !tree.levels[level][node].touches(&tree.levels[0][row]) {
+        let bounds = &tree.levels[0][row];
+        let boxed = |number: &u32| ((tree.bounds_of)(*number), *number);
+        let own: Vec<(Bounds, u32)> = tree.row(row).iter().map(boxed).collect();
+        for (k, (bounds, number)) in own.iter().enumerate() {
+            self.compare(bounds, *number, &own[k + 1..]);
+        }
+        for &other in others.iter().filter(|&&other| other > row) {
+            if !tree.levels[0][other].touches(bounds) {
                 continue;
             }
-            if level == 0 {
-                self.compare_rows(row, node);
-            } else {
-                let below = tree.levels[level - 1].len();
-                self.descend(row, level - 1, node * FANOUT..((node + 1) * FANOUT).min(below));
+            for (other, number) in tree.row(other).iter().map(boxed) {
+                if other.touches(bounds) {
+                    self.compare(&other, number, &own);
+                }
             }
         }
     }
 
-    fn compare_rows(&mut self, row: usize, other: usize) {
-        let tree = self.tree;
-        for a in tree.row(row) {
-            if a.bounds.touches(&tree.levels[0][other]) {
-                self.compare(a, tree.row(other));
-            }
-        }
-    }
-
-    fn compare(&mut self, a: &Boxed, others: &[Boxed]) {
+    fn compare(&mut self, bounds: &Bounds, number: u32, others: &[(Bounds, u32)]) {
         self.looked_at += others.len() as u64;
-        for b in others.iter().filter(|b| b.bounds.touches(&a.bounds)) {
-            let pair = (a.number.min(b.number), a.number.max(b.number));
+        for (_, other) in others.iter().filter(|(other, _)| other.touches(bounds)) {
+            let pair = (number.min(*other), number.max(*other));
             if (self.wanted)(pair.0, pair.1) {
                 self.found.push(pair);
             }
         }
     }
+}
+
+fn around(boxes: impl Iterator<Item = Bounds>) -> Bounds {
+    boxes.fold(Bounds::EMPTY, |all, bounds| all.with(&bounds))
 }
 
 /// Boxes with near numbers have near sizes and near places: how often the whole would be halved down to the size;
@@ -156,21 +178,20 @@ mod tests {
     #[test]
     fn all_pairs_are_found_that_comparing_each_with_each_finds() {
         let stream = Stream::new(5, Purpose::Pair, 0, PointSet::Random);
-        let number = |i: u32| {
+        let bounds_of = |i: u32| {
             let [x, y, z, size] = stream.point(i);
             let at = (Vec3::new(x, y, z) * 8.0).floor();
             Bounds { min: at, max: at + (size * size * 4.0).floor() }
         };
-        let boxes: Vec<Bounds> = (0..700).map(number).collect();
-        let numbered =
-            || boxes.iter().enumerate().map(|(k, &bounds)| Boxed { bounds, number: k as u32 });
         let odd = |a: u32, b: u32| !(a + b).is_multiple_of(3);
-        let found = pairs(numbered(), odd, u64::MAX).unwrap();
-        let all = (0..700).flat_map(|a| (a + 1..700).map(move |b| (a, b)));
-        let touch = |&(a, b): &(u32, u32)| boxes[a as usize].touches(&boxes[b as usize]);
-        let expected: Vec<_> = all.filter(touch).filter(|&(a, b)| odd(a, b)).collect();
-        assert_eq!(found, expected);
-        assert!(found.len() > 1000);
-        assert!(pairs(numbered(), odd, 1000).is_none(), "the limit holds");
+        for count in [0, 1, 9, 70, 700] {
+            let found = pairs(count as usize, bounds_of, odd, u64::MAX).unwrap();
+            let all = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+            let touch = |&(a, b): &(u32, u32)| bounds_of(a).touches(&bounds_of(b));
+            let expected: Vec<_> = all.filter(touch).filter(|&(a, b)| odd(a, b)).collect();
+            assert_eq!(found, expected);
+            assert!(count < 700 || found.len() > 1000);
+        }
+        assert!(pairs(700, bounds_of, odd, 1000).is_none(), "the limit holds");
     }
 }
