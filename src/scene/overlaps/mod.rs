@@ -14,13 +14,9 @@ use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 use flat::Polygon;
 use glam::Vec3;
-use rayon::prelude::*;
+use near::{Flat, PARALLEL};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
-
-/// Normals with a smaller cosine between them are not those of one plane. Within the tolerance of rays two
-/// planes at a degree stay together for a few thousandths of a percent of the scene only.
-const PARALLEL: f32 = 0.9998;
 
 /// Pairs that are looked at: per triangle, and beyond.
 const MOST_PAIRS: (u64, u64) = (1024, 100_000_000);
@@ -66,14 +62,13 @@ impl Overlaps {
 
     /// `material_of` has one entry per triangle.
     pub(super) fn find(triangles: &[Triangle], material_of: &[MaterialId]) -> Overlaps {
-        let bounds_of = |number: u32| padded(&triangles[number as usize]);
-        let normals: Vec<Vec3> = triangles.par_iter().map(Triangle::normal).collect();
-        let overlap = |a: u32, b: u32| {
-            let (a, b) = (a as usize, b as usize);
-            normals[a].dot(normals[b]).abs() > PARALLEL && overlap(&triangles[a], &triangles[b])
+        let flat = |number: u32| {
+            let triangle = &triangles[number as usize];
+            Flat { bounds: padded(triangle), normal: triangle.normal() }
         };
+        let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
         let most = MOST_PAIRS.0 * triangles.len() as u64 + MOST_PAIRS.1;
-        match near::pairs(triangles.len(), bounds_of, overlap, most) {
+        match near::pairs(triangles.len(), flat, overlap, most) {
             None => Overlaps { is_given_up: true, ..Overlaps::default() },
             Some(pairs) if pairs.is_empty() => Overlaps::default(),
             Some(pairs) => Overlaps::new(triangles, material_of, &pairs),
