@@ -60,6 +60,9 @@ fn pane(material: &str) -> String {
     format!("v 1 0.25 2\nv 3 0.25 2\nv 3 2.25 2\nv 1 2.25 2\nusemtl {material}\nf 13 14 15 16\n")
 }
 
+/// A carpet exactly in the floor, with the floor's winding.
+const CARPET: &str = "v 1 0 1\nv 1 0 3\nv 3 0 3\nv 3 0 1\nusemtl red\nf 13 14 15 16\n";
+
 /// A folder with a model in it.
 struct Case(TempDir);
 
@@ -234,6 +237,18 @@ fn walls_that_are_there_twice_are_sheets_in_whichever_order_and_however_they_are
 }
 
 #[test]
+fn a_carpet_in_the_floor_is_seen_whole_and_its_power_balances() {
+    let camera = ["--position", "2,2.7,2", "--look-at", "2,0,2", "--up", "z", "--fov", "50"];
+    let drawn = Case::new(&room(CARPET), MATERIALS).draw("a.obj", &camera);
+    // From 2.7 above the floor a carpet 2 wide fills a square of the picture, whose width is 4/3 of its height.
+    let red = drawn.share_of_pixels(|[r, g, _]| r > 3.0 * g && g > 0.0);
+    let carpet = (2.0 / 2.7 / (2.0 * 25f64.to_radians().tan())).powi(2) * 0.75;
+    // A pixel at the rim may count or not: 4 · 38 of them.
+    assert!((red - carpet).abs() < 152.0 / (64.0 * 48.0), "{red} of {carpet}");
+    assert!(drawn.stats["imbalance"].as_f64().expect("a number").abs() < 0.01, "{}", drawn.stats);
+}
+
+#[test]
 fn a_room_with_z_up_is_seen_as_the_room_with_y_up() {
     let corners = CORNERS.map(|[x, y, z]| [x, -z, y]);
     let case =
@@ -341,6 +356,7 @@ fn power_cases() -> Vec<(&'static str, String, String, &'static str)> {
         ("mirror", room(&pane("glass")), glass("Kd 0 0 0\nKs 0.95 0.95 0.95\nillum 3"), "mirrors"),
         ("white", room(&pane("glass")), glass("Kd 1 1 1"), ""),
         ("shallow", void, MATERIALS.into(), ""),
+        ("carpet", room(CARPET), MATERIALS.into(), "overlap others in the same plane"),
         ("sealed box", with_sealed_box(), MATERIALS.into(), "where others do"),
     ]
 }

@@ -705,6 +705,41 @@ fn each_view_that_is_asked_for_has_a_picture() {
 }
 
 #[test]
+fn each_view_has_its_exposure_unless_one_is_asked_for() {
+    let room = room_with_views();
+    room.solve("room.toml", "room.light", &[]).assert().success();
+    let stats = room.path("stats.json");
+    let exposures = |more: &[&str]| {
+        let more = [&["--view", "left,again", "--stats", stats.to_str().unwrap()], more].concat();
+        room.show("room.light", "out.png", &more).assert().success();
+        json(&stats)["exposures"].as_array().map(Vec::len)
+    };
+    assert_eq!(exposures(&[]), Some(2));
+    assert_eq!(exposures(&["--exposure", "same"]), None);
+    assert_eq!(exposures(&["--exposure", "2"]), None);
+    assert!(
+        refused(&mut room.show("room.light", "no.png", &["--exposure", "x"])).contains("`same`")
+    );
+}
+
+#[test]
+fn the_background_can_be_transparent() {
+    let room = Room::new();
+    let away = ["--position", "2,1,30", "--look-at", "2,1,0", "--background", "transparent"];
+    room.render("room.toml", &away).assert().success();
+    let picture = image::open(room.path("out.png")).expect("a picture");
+    assert!(picture.color().has_alpha());
+    let (picture, last) = (picture.to_rgba8(), |n: u32| n - 1);
+    let (width, height) = picture.dimensions();
+    assert_eq!(picture.get_pixel(0, 0).0, [0; 4]);
+    assert_eq!(picture.get_pixel(last(width), last(height)).0[3], 0);
+    assert_eq!(picture.get_pixel(width / 2, height / 2).0[3], 255);
+    let mut hdr = isolux();
+    hdr.arg("render").arg(room.path("room.toml")).arg("-o").arg(room.path("out.hdr")).args(away);
+    assert!(refused(&mut hdr).contains("transparency"));
+}
+
+#[test]
 fn the_light_of_a_description_is_obeyed_and_flags_come_before_it() {
     let room = room_with_views();
     let iterations = |more: &[&str]| {

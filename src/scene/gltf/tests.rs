@@ -447,3 +447,20 @@ fn no_mutation_makes_the_reader_panic() {
     json["buffers"][0] = json!({"byteLength": 68});
     mutation::try_many(&glb(&json, &triangle_bytes()), 4000, read);
 }
+
+#[test]
+fn a_model_that_only_glows_is_lit_by_the_sky() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.gltf");
+    let sky = |json: &Value, emissions: Vec<(String, Rgb)>| {
+        std::fs::write(&file, json.to_string()).unwrap();
+        let mut document = crate::scene::Document::open(&file).unwrap();
+        document.emissions = emissions;
+        crate::scene::Scene::load(&document).unwrap().sky
+    };
+    let mut json = textured();
+    assert_eq!(sky(&json, vec![]), Rgb::ZERO, "four times as bright as white under a sky");
+    json["materials"][0]["extensions"] = json!({});
+    assert_eq!(sky(&json, vec![]), Rgb::ONE);
+    assert_eq!(sky(&json, vec![("lamp".into(), Rgb::ONE)]), Rgb::ZERO, "a lamp by the user's word");
+}
