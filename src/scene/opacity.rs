@@ -22,6 +22,15 @@ impl Scene {
         self.is_see_through() || !self.overlaps().is_empty()
     }
 
+    /// Whether the opacity varies over a triangle's front or back.
+    pub(crate) fn has_cut_outs(&self, triangle: TriangleId) -> bool {
+        let has_map = |is_back| {
+            let material = self.material_on(triangle, is_back);
+            self.materials[material.0 as usize].opacity_map.is_some()
+        };
+        has_map(false) || has_map(true)
+    }
+
     /// The share of light that does not go straight through a triangle's front or back at barycentrics (u, v),
     /// in [0, 1].
     pub fn opacity_at(&self, triangle: TriangleId, is_back: bool, u: f32, v: f32) -> f32 {

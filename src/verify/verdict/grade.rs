@@ -3,6 +3,7 @@
 use super::Judge;
 use super::seen::Rule;
 use crate::geometry::{Hit, Ray, TriangleId};
+use crate::scene::Scene;
 use crate::verify::bounds::{Arithmetic, Bounds};
 use crate::verify::contact::{Contact, Examined, Miss};
 use crate::verify::cramer::Cramer;
@@ -82,6 +83,7 @@ impl Judge<'_> {
                 graded.at_least(Grade::Touching);
             } else if stops == Rule::Unsure
                 || self.bounds(ray, arithmetic, met.triangle, &met.cramer).may_miss(ray)
+                || self.may_be_passed_over(ray, met, arithmetic)
             {
                 graded.at_least(Grade::Precision);
             } else {
@@ -159,7 +161,26 @@ impl Judge<'_> {
             return false;
         }
         let bounds = self.bounds(ray, arithmetic, met.triangle, &met.cramer);
-        !bounds.may_miss(ray) && bounds.t + bounds.lost.t < t as f64
+        !bounds.may_miss(ray)
+            && bounds.t + bounds.lost.t < t as f64
+            && !self.may_be_passed_over(ray, met, arithmetic)
+    }
+
+    /// Whether a ray that goes on behind an opening may leave out `met`, because rounding may put both at one
+    /// distance: what comes next must be farther away.
+    fn may_be_passed_over(&self, ray: &Ray, met: &Met, arithmetic: Arithmetic) -> bool {
+        if !self.scene.is_some_and(Scene::is_see_through) {
+            return false;
+        }
+        let own = self.bounds(ray, arithmetic, met.triangle, &met.cramer);
+        let others = self.referee.near(ray, FIRST_SEARCH).into_iter();
+        others.filter(|&id| id != met.triangle).any(|id| {
+            let Examined { contact, cramer } = self.referee.examine(ray, id);
+            let bounds = self.bounds(ray, arithmetic, id, &cramer);
+            let is_farther = (bounds.t - own.t).abs() > bounds.kernel.t + own.kernel.t;
+            let open = Met { triangle: id, contact, cramer };
+            !is_farther && bounds.may_hit(ray) && self.stops(ray, &open, arithmetic) != Rule::Yes
+        })
     }
 
     /// The grade that another triangle, met by the exact ray, leaves to a hit of `own`.

@@ -28,6 +28,9 @@ impl Rule {
 /// Rays as steep as this or less may count as grazing: the tracer's limit, with room for its rounding.
 const GRAZING: f64 = 2.0 * surfaces::GRAZING as f64;
 
+/// Where (u, v) is less certain than this, the corners of what it may be do not speak for a texture in between.
+const FINE: f64 = 1e-4;
+
 impl Judge<'_> {
     /// Whether the ray ends at a triangle that it meets, with (u, v) anywhere within the kernel's bounds.
     pub(super) fn stops(&self, ray: &Ray, met: &Met, arithmetic: Arithmetic) -> Rule {
@@ -35,6 +38,9 @@ impl Judge<'_> {
             return Rule::Yes;
         };
         let bounds = self.bounds(ray, arithmetic, met.triangle, &met.cramer);
+        if bounds.kernel.u.max(bounds.kernel.v) > FINE && scene.has_cut_outs(met.triangle) {
+            return Rule::Unsure;
+        }
         let backs = faces(met).map_or(vec![false, true], |faces| vec![!faces]);
         let stops = |[u, v]: [f64; 2], is_back| {
             let hit = Hit { triangle: met.triangle, t: 1.0, u: u as f32, v: v as f32 };
