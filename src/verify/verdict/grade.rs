@@ -179,7 +179,12 @@ impl Judge<'_> {
             let bounds = self.bounds(ray, arithmetic, id, &cramer);
             let is_farther = (bounds.t - own.t).abs() > bounds.kernel.t + own.kernel.t;
             let open = Met { triangle: id, contact, cramer };
-            !is_farther && bounds.may_hit(ray) && self.stops(ray, &open, arithmetic) != Rule::Yes
+            // Those in one plane are looked at together.
+            let is_apart = self.comes_first(&open, met).is_none();
+            !is_farther
+                && is_apart
+                && bounds.may_hit(ray)
+                && self.stops(ray, &open, arithmetic) != Rule::Yes
         })
     }
 
