@@ -51,10 +51,12 @@ fn leave_out_hidden(scene: &Scene, sides: &mut [Sides]) {
         // What rounding leaves of an area that is wholly covered.
         scene.shown_share(triangle, is_back, shape) < 1e-6
     };
-    for triangle in scene.overlaps().triangles() {
+    let overlapping: Vec<TriangleId> = scene.overlaps().triangles().collect();
+    let hidden = overlapping.par_iter().map(|&t| [is_hidden(t, false), is_hidden(t, true)]);
+    for (triangle, [front, back]) in overlapping.iter().zip(hidden.collect::<Vec<_>>()) {
         let sides = &mut sides[triangle.index()];
-        sides.front &= !is_hidden(triangle, false);
-        sides.back &= !is_hidden(triangle, true);
+        sides.front &= !front;
+        sides.back &= !back;
     }
 }
 

@@ -53,10 +53,17 @@ impl Scene {
     fn share_beside(&self, axis: usize, covers: &[Cover], piece: &Triangle) -> f64 {
         let whole = flat::seen_along(axis, piece).to_vec();
         let area = flat::area(&whole);
+        let (low, high) = flat::bounds(&whole);
         let mut shown = vec![whole];
         for cover in covers {
             let cover = flat::seen_along(axis, &self.triangles[cover.triangle.index()]);
-            shown = shown.into_iter().flat_map(|part| flat::without(part, &cover)).collect();
+            let (from, to) = flat::bounds(&cover);
+            if from.cmplt(high).all() && low.cmplt(to).all() {
+                shown = shown.into_iter().flat_map(|part| flat::without(part, &cover)).collect();
+            }
+            if shown.is_empty() {
+                break;
+            }
         }
         let left: f64 = shown.iter().map(|part| flat::area(part)).sum();
         if area > 0.0 { (left / area).min(1.0) } else { 0.0 }

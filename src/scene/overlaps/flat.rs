@@ -69,20 +69,26 @@ pub(in crate::scene) fn common(polygon: &[DVec2], with: &[DVec2]) -> Polygon {
     edges(with).fold(polygon.to_vec(), |rest, (a, b)| left_of(&rest, a, b))
 }
 
-/// The parts of a polygon that do not lie in a convex one.
+/// The parts of a polygon that do not lie in a convex one, but for those that rounding makes.
 pub(in crate::scene) fn without(polygon: Polygon, convex: &[DVec2]) -> Vec<Polygon> {
-    if common(&polygon, convex).len() < 3 {
+    let tiny = 1e-12 * area(&polygon);
+    if area(&common(&polygon, convex)) <= tiny {
         return vec![polygon];
     }
     let (mut rest, mut outside) = (polygon, Vec::new());
     for (a, b) in edges(convex) {
         let part = left_of(&rest, b, a);
         rest = left_of(&rest, a, b);
-        if part.len() >= 3 {
+        if area(&part) > tiny {
             outside.push(part);
         }
     }
     outside
+}
+
+/// The least and the largest coordinates.
+pub(in crate::scene) fn bounds(polygon: &[DVec2]) -> (DVec2, DVec2) {
+    polygon.iter().fold((DVec2::MAX, DVec2::MIN), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
 pub(in crate::scene) fn area(polygon: &[DVec2]) -> f64 {

@@ -18,8 +18,9 @@ use near::{Flat, PARALLEL};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-/// Pairs that are looked at: per triangle, and beyond.
-const MOST_PAIRS: (u64, u64) = (1024, 100_000_000);
+/// Pairs that are looked at, and those of them that may overlap: per triangle, and beyond.
+const MOST_LOOKED_AT: (u64, u64) = (1024, 100_000_000);
+const MOST_FOUND: (u64, u64) = (32, 200_000);
 
 /// Which triangles overlap others in their plane, and which of them are seen.
 #[derive(Debug, Default)]
@@ -67,7 +68,8 @@ impl Overlaps {
             Flat { bounds: padded(triangle), normal: triangle.normal() }
         };
         let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
-        let most = MOST_PAIRS.0 * triangles.len() as u64 + MOST_PAIRS.1;
+        let limit = |most: (u64, u64)| most.0 * triangles.len() as u64 + most.1;
+        let most = [limit(MOST_LOOKED_AT), limit(MOST_FOUND)];
         match near::pairs(triangles.len(), flat, overlap, most) {
             None => Overlaps { is_given_up: true, ..Overlaps::default() },
             Some(pairs) if pairs.is_empty() => Overlaps::default(),

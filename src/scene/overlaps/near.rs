@@ -31,27 +31,29 @@ impl Flat {
 }
 
 /// Of `count` things, numbered from 0, the pairs that touch, are parallel and are `wanted`, the lower number first,
-/// in order. `None` if more than `most` pairs would have to be looked at.
+/// in order. `None` if more than `most[0]` pairs would have to be looked at, or more than `most[1]` are wanted.
 pub(super) fn pairs(
     count: usize,
     thing: impl Fn(u32) -> Flat + Sync,
     wanted: impl Fn(u32, u32) -> bool + Sync,
-    most: u64,
+    most: [u64; 2],
 ) -> Option<Vec<(u32, u32)>> {
     let tree = Tree::new(count, thing);
-    let looked_at = AtomicU64::new(0);
+    let [looked_at, found] = [AtomicU64::new(0), AtomicU64::new(0)];
+    let is_exceeded =
+        || looked_at.load(Ordering::Relaxed) > most[0] || found.load(Ordering::Relaxed) > most[1];
     let of_group = |group: usize| {
-        let is_exhausted = looked_at.load(Ordering::Relaxed) > most;
         let mut search = Search { tree: &tree, wanted: &wanted, looked_at: 0, found: Vec::new() };
-        if !is_exhausted {
+        if !is_exceeded() {
             search.pairs_of(group);
         }
         looked_at.fetch_add(search.looked_at, Ordering::Relaxed);
+        found.fetch_add(search.found.len() as u64, Ordering::Relaxed);
         search.found
     };
     let groups = tree.levels[0].len().div_ceil(FANOUT);
     let mut pairs: Vec<(u32, u32)> = (0..groups).into_par_iter().flat_map_iter(of_group).collect();
-    if looked_at.into_inner() > most {
+    if is_exceeded() {
         return None;
     }
     pairs.sort_unstable();
@@ -200,7 +202,7 @@ mod tests {
         };
         let odd = |a: u32, b: u32| !(a + b).is_multiple_of(3);
         for count in [0, 1, 9, 70, 700] {
-            let found = pairs(count as usize, thing, odd, u64::MAX).unwrap();
+            let found = pairs(count as usize, thing, odd, [u64::MAX; 2]).unwrap();
             let all = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
             let fits = |&(a, b): &(u32, u32)| {
                 let is_parallel = a.is_multiple_of(4) == b.is_multiple_of(4);
@@ -209,6 +211,8 @@ mod tests {
             assert_eq!(found, all.filter(fits).collect::<Vec<_>>());
             assert!(count < 700 || found.len() > 1000);
         }
-        assert!(pairs(700, thing, odd, 1000).is_none(), "the limit holds");
+        for most in [[1000, u64::MAX], [u64::MAX, 1000]] {
+            assert!(pairs(700, thing, odd, most).is_none(), "the limits hold");
+        }
     }
 }
