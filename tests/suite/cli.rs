@@ -725,7 +725,8 @@ fn each_view_has_its_exposure_unless_one_is_asked_for() {
 #[test]
 fn the_background_can_be_transparent() {
     let room = Room::new();
-    let away = ["--position", "2,1,30", "--look-at", "2,1,0", "--background", "transparent"];
+    let above = ["--position", "2,20,2", "--look-at", "2,0,2", "--up", "z"];
+    let away = [&above[..], &["--background", "transparent"]].concat();
     room.render("room.toml", &away).assert().success();
     let picture = image::open(room.path("out.png")).expect("a picture");
     assert!(picture.color().has_alpha());
@@ -735,7 +736,7 @@ fn the_background_can_be_transparent() {
     assert_eq!(picture.get_pixel(last(width), last(height)).0[3], 0);
     assert_eq!(picture.get_pixel(width / 2, height / 2).0[3], 255);
     let mut hdr = isolux();
-    hdr.arg("render").arg(room.path("room.toml")).arg("-o").arg(room.path("out.hdr")).args(away);
+    hdr.arg("render").arg(room.path("room.toml")).arg("-o").arg(room.path("out.hdr")).args(&away);
     assert!(refused(&mut hdr).contains("transparency"));
 }
 
