@@ -58,7 +58,7 @@ impl<C: RayCaster> Surfaces<C> {
         normal.dot(ray.direction).abs() <= GRAZING * ray.direction.length()
     }
 
-    /// Of the triangles that the ray meets here in one plane, that which is seen, if any stops it.
+    /// The seen one of the triangles that the ray meets here in one plane, if any stops it.
     fn seen_here(&self, ray: &Ray, rest: &Ray, found: Hit, overlaps: &Overlaps) -> Option<Hit> {
         let faces =
             |t: TriangleId| self.scene.triangles[t.index()].normal().dot(ray.direction) < 0.0;

@@ -122,7 +122,7 @@ fn describe(title: &str, scene: &Scene) -> String {
     text
 }
 
-/// What the columns do not say about a material.
+/// Remarks on a material that the columns leave out.
 fn remarks(material: &Material) -> String {
     let mut text = String::new();
     let mut add = |is_so: bool, words: &str| {

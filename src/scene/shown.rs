@@ -92,7 +92,7 @@ impl Scene {
         let overlaps = self.overlaps();
         if overlaps.is_given_up {
             return Some(Warning::new(
-                "so many triangles are in one place that rounding decides which of those in one plane is seen",
+                "too many triangles overlap in one plane: rounding decides which of them is seen",
             ));
         }
         let alike = |t: TriangleId| {

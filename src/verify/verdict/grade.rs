@@ -136,7 +136,7 @@ impl Judge<'_> {
         graded
     }
 
-    /// Whoever meets a triangle asks our own kernel about the others that it overlaps in one plane.
+    /// A hit that replaced another in its plane has the numbers of our own kernel, whichever kernel met the other.
     fn accepts_numbers(&self, ray: &Ray, hit: Hit, own: &Met, bounds: &Bounds) -> bool {
         let numbers = [hit.t, hit.u, hit.v];
         let overlaps =
