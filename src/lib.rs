@@ -112,6 +112,7 @@ mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;
 pub mod patches;
+mod paths;
 pub mod plan;
 pub mod progress;
 pub mod radiosity;

@@ -55,7 +55,7 @@ impl Choices {
             return Err(Error::new(format!("{samples} regular points"))
                 .remedy("a triangle splits regularly into 1, 4, 9, 16, … parts: give a square"));
         }
-        let sampled = method == Method::Hemisphere && has_small_emitters(scene) && scene.emits();
+        let sampled = method == Method::Hemisphere && EmittingTriangles::are_small(scene);
         let tolerance = Stop::Tolerance(light.tolerance.unwrap_or(TOLERANCE));
         Ok(Choices {
             method,
@@ -136,14 +136,6 @@ pub struct Radiosity {
 /// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
 /// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies.
 const BYTES_PER_PATCH: u64 = 320;
-
-/// Above this share of the scene's area emitters are not small, and rays find them.
-const SMALL_EMITTERS: f64 = 0.1;
-
-/// Whether the emitters are so small a part of the scene that they should be sampled themselves.
-fn has_small_emitters(scene: &Scene) -> bool {
-    EmittingTriangles::of(scene).area() <= SMALL_EMITTERS * scene.area()
-}
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///

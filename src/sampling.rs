@@ -41,6 +41,8 @@ pub enum Purpose {
     Bench,
     LitSides,
     Sky,
+    Path,
+    Roulette,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

@@ -1,7 +1,7 @@
 //! Light, ready to be drawn from anywhere.
 
 use crate::error::{Error, Result};
-use crate::field::{Constant, Interpolated, IrradianceField};
+use crate::field::{Constant, Interpolated, IrradianceField, PathTraced};
 use crate::geometry::RayCaster;
 use crate::patches::PatchMesh;
 use crate::progress::Progress;
@@ -64,6 +64,11 @@ impl Solution {
     pub fn smooth(&self, crease: f32) -> View {
         let mesh = self.patches();
         self.seen_by(Interpolated::new(&mesh, self.irradiance(), self.uncovered(), crease))
+    }
+
+    /// The scene's light without its solution, by paths: unbiased and noisy.
+    pub fn path_traced(&self) -> View {
+        self.seen_by(PathTraced::new(&self.patches(), self.choices.seed))
     }
 
     /// The light as a field of the caller's shows it.

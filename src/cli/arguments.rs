@@ -232,8 +232,12 @@ impl RunArguments {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum ShadingName {
+    /// Each patch has one irradiance
     Flat,
+    /// Irradiance is interpolated over patches
     Smooth,
+    /// Paths of light, without the solution: unbiased and noisy
+    Path,
 }
 
 fn parse_size(text: &str) -> std::result::Result<[u32; 2], String> {

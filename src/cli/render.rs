@@ -272,6 +272,7 @@ fn draw(
     let looks = of_views[0].iter().map(|picture| match picture.shading {
         ShadingName::Flat => solution.flat(),
         ShadingName::Smooth => solution.smooth(arguments.crease),
+        ShadingName::Path => solution.path_traced(),
     });
     let (looks, bars) = (looks.collect::<Vec<_>>(), Bars::new());
     let mut images = Vec::new();

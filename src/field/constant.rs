@@ -2,6 +2,7 @@
 
 use super::IrradianceField;
 use crate::color::{Rgb, Rgb64};
+use crate::geometry::RayCaster;
 use crate::patches::SurfacePoint;
 
 /// The irradiance of each patch's uncovered part, all over the patch.
@@ -19,7 +20,7 @@ impl Constant {
 }
 
 impl IrradianceField for Constant {
-    fn irradiance(&self, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
+    fn irradiance(&self, _: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
         for (point, irradiance) in at.iter().zip(irradiance) {
             *irradiance = self.0[point.patch.index()];
         }

@@ -11,6 +11,7 @@
 
 use super::IrradianceField;
 use crate::color::{Rgb, Rgb64};
+use crate::geometry::RayCaster;
 use crate::patches::{Cell, PatchMesh, Side, SurfacePoint};
 use crate::scene::groups::Groups;
 
@@ -65,7 +66,7 @@ impl Interpolated {
 }
 
 impl IrradianceField for Interpolated {
-    fn irradiance(&self, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
+    fn irradiance(&self, _: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
         for (point, irradiance) in at.iter().zip(irradiance) {
             *irradiance = self.at(point);
         }
@@ -263,7 +264,7 @@ impl Lattices {
 mod tests {
     use super::*;
     use crate::geometry::Triangle;
-    use crate::patches::{PatchId, Subdivision};
+    use crate::patches::{PatchId, SampleId, Subdivision};
     use crate::scene::{Material, MaterialId, Scene};
     use glam::Vec3;
 
@@ -304,6 +305,8 @@ mod tests {
                 patch: PatchId(first + cell.number(level)),
                 l1,
                 l2,
+                position: Vec3::ZERO,
+                sample: SampleId { pixel: 0, number: 0 },
             })
         };
         [value(0, 1.0 - fraction, 0.0), value(1, 1.0 - fraction, fraction)]

@@ -6,14 +6,18 @@
 
 mod constant;
 mod interpolated;
+mod path_traced;
 
 use crate::color::Rgb;
+use crate::geometry::RayCaster;
 use crate::patches::SurfacePoint;
 pub use constant::Constant;
 pub use interpolated::Interpolated;
+pub use path_traced::PathTraced;
 
 /// H as a function of the point. A new way to look at light implements this.
 pub trait IrradianceField: Send + Sync {
-    /// Sets `irradiance` to H in W·m⁻², one per point. The slices have one length.
-    fn irradiance(&self, at: &[SurfacePoint], irradiance: &mut [Rgb]);
+    /// Sets `irradiance` to H in W·m⁻², one per point. The slices have one length. `caster` answers rays in the
+    /// scene.
+    fn irradiance(&self, caster: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]);
 }

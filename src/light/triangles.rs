@@ -18,6 +18,9 @@ pub struct EmittingTriangles {
     cumulative: Vec<f64>,
 }
 
+/// Above this share of the scene's area emitters are not small, and rays find them.
+const SMALL: f64 = 0.1;
+
 struct Emitter {
     facet: Facet,
     exitance: Rgb64,
@@ -47,6 +50,12 @@ impl EmittingTriangles {
         EmittingTriangles::new(
             mesh.sides().iter().flat_map(|side| emitters_of(mesh, side)).collect(),
         )
+    }
+
+    /// Whether there are emitters, so small a part of the scene that rays rarely find them, and they should be
+    /// sampled themselves.
+    pub fn are_small(scene: &Scene) -> bool {
+        scene.emits() && EmittingTriangles::of(scene).area() <= SMALL * scene.area()
     }
 
     fn new(mut emitters: Vec<Emitter>) -> Self {

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 pub use subdivision::Subdivision;
 use subdivision::check_count;
-pub use surface_point::SurfacePoint;
+pub use surface_point::{SampleId, SurfacePoint};
 
 /// Number of a patch, counted over the whole scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

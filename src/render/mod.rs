@@ -5,7 +5,7 @@ pub(crate) mod tone;
 use crate::color::{Rgb, luminance};
 use crate::field::IrradianceField;
 use crate::geometry::{Hit, Ray, RayCaster};
-use crate::patches::{Look, PatchMesh, SurfacePoint};
+use crate::patches::{Look, PatchMesh, SampleId, SurfacePoint};
 use crate::progress::{Progress, Stage};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::{Camera, Scene};
@@ -57,6 +57,11 @@ impl Frame {
     /// A picture of this size in pixels.
     pub fn new(width: u32, height: u32) -> Frame {
         Frame { width, height, samples: Frame::SAMPLES, seed: Settings::SEED, background: None }
+    }
+
+    /// The number of the pixel at (x, y), row by row from the top left.
+    fn pixel_number(&self, (x, y): (usize, usize)) -> u64 {
+        y as u64 * self.width as u64 + x as u64
     }
 
     pub fn rays(&self) -> u64 {
@@ -171,13 +176,13 @@ impl<'m> Work<'m> {
         let (mesh, fields) = (shot.mesh, shot.fields);
         self.aim(shot, from, pixels.len() / fields.len());
         shot.caster.nearest_batch(&self.rays, &mut self.hits);
-        self.meet(mesh, shot.frame.samples.max(1) as usize);
+        self.meet(shot, from);
         if mesh.varies() {
             self.look(mesh, sample_width(shot.camera, shot.frame));
         }
         self.irradiance.resize(self.points.len(), Rgb::ZERO);
         for (number, field) in fields.iter().enumerate() {
-            field.irradiance(&self.points, &mut self.irradiance);
+            field.irradiance(shot.caster, &self.points, &mut self.irradiance);
             let of_field = pixels.iter_mut().skip(number).step_by(fields.len());
             if mesh.varies() {
                 self.shade(shot, of_field, |k| self.looks[k]);
@@ -194,7 +199,7 @@ impl<'m> Work<'m> {
         let aspect = width / height;
         self.rays.clear();
         for x in x..x + count {
-            let number = y as u64 * frame.width as u64 + x as u64;
+            let number = frame.pixel_number((x, y));
             let stream = Stream::new(frame.seed, Purpose::Pixel, number, PointSet::Sobol);
             self.rays.extend((0..frame.samples).map(|k| {
                 let [dx, dy, ..] = stream.point(k);
@@ -204,13 +209,18 @@ impl<'m> Work<'m> {
     }
 
     /// Finds the points that were hit, and counts them per pixel.
-    fn meet(&mut self, mesh: &'m PatchMesh, samples: usize) {
+    fn meet(&mut self, shot: &Shot<'m>, from: (usize, usize)) {
         self.points.clear();
         self.tallies.clear();
-        for (rays, hits) in self.rays.chunks(samples).zip(self.hits.chunks(samples)) {
+        let samples = shot.frame.samples.max(1) as usize;
+        let pixels = shot.frame.pixel_number(from)..;
+        let of_pixels = self.rays.chunks(samples).zip(self.hits.chunks(samples));
+        for (pixel, (rays, hits)) in pixels.zip(of_pixels) {
             let before = self.points.len();
-            let met = rays.iter().zip(hits);
-            self.points.extend(met.filter_map(|(ray, hit)| SurfacePoint::hit(mesh, ray, &(*hit)?)));
+            let met = (0..).zip(rays.iter().zip(hits));
+            self.points.extend(met.filter_map(|(number, (ray, hit))| {
+                SurfacePoint::hit(shot.mesh, ray, &(*hit)?, SampleId { pixel, number })
+            }));
             let misses = hits.iter().filter(|hit| hit.is_none()).count();
             self.tallies.push(Tally { points: self.points.len() - before, misses });
         }

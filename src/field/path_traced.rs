@@ -1,0 +1,35 @@
+//! Irradiance by path tracing: the reference that owes nothing to the patches.
+
+use super::IrradianceField;
+use crate::color::Rgb;
+use crate::geometry::RayCaster;
+use crate::patches::{PatchMesh, SurfacePoint};
+use crate::paths::{Lights, Paths, Start};
+use std::sync::Arc;
+
+/// One path per point: an unbiased estimate of H, and a noisy one. The mean over many samples of a pixel is the
+/// truth that every other field is compared with.
+///
+/// Kajiya, *The Rendering Equation*, SIGGRAPH 1986; next-event estimation and Russian roulette as in Pharr, Jakob &
+/// Humphreys, *Physically Based Rendering*, 4th edition, §13.
+pub struct PathTraced {
+    mesh: Arc<PatchMesh>,
+    lights: Lights,
+    seed: u64,
+}
+
+impl PathTraced {
+    /// Of `mesh` only the triangles, their materials and their lit sides count.
+    pub fn new(mesh: &Arc<PatchMesh>, seed: u64) -> Self {
+        PathTraced { mesh: mesh.clone(), lights: Lights::of(mesh), seed }
+    }
+}
+
+impl IrradianceField for PathTraced {
+    fn irradiance(&self, caster: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
+        let paths = Paths { caster, mesh: &self.mesh, lights: &self.lights, seed: self.seed };
+        let starts: Vec<Start> = at.iter().map(Start::at).collect();
+        irradiance.fill(Rgb::ZERO);
+        paths.add_irradiance(&starts, irradiance);
+    }
+}
