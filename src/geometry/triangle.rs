@@ -48,8 +48,9 @@ impl Triangle {
 
     /// The front's normal with the doubled area as length, in double precision.
     pub fn double_area_normal(&self) -> DVec3 {
-        let [p0, p1, p2] = self.p.map(|p| p.as_dvec3());
-        (p1 - p0).cross(p2 - p0)
+        let [p0, p1, p2] = self.p;
+        let p0 = p0.as_dvec3();
+        (p1.as_dvec3() - p0).cross(p2.as_dvec3() - p0)
     }
 
     pub fn area(&self) -> f64 {

@@ -20,7 +20,8 @@ pub(in crate::scene) fn axis_of(normal: Vec3) -> usize {
 
 /// A triangle seen along an axis.
 pub(in crate::scene) fn seen_along(axis: usize, triangle: &Triangle) -> [DVec2; 3] {
-    let mut corners = triangle.p.map(|p| flatten(axis, p.as_dvec3()));
+    let corner = |k: usize| flatten(axis, triangle.p[k].as_dvec3());
+    let mut corners = [corner(0), corner(1), corner(2)];
     if signed_area(&corners) < 0.0 {
         corners.swap(1, 2);
     }
@@ -28,7 +29,11 @@ pub(in crate::scene) fn seen_along(axis: usize, triangle: &Triangle) -> [DVec2; 
 }
 
 pub(in crate::scene) fn flatten(axis: usize, p: DVec3) -> DVec2 {
-    DVec2::new(p[(axis + 1) % 3], p[(axis + 2) % 3])
+    match axis {
+        0 => DVec2::new(p.y, p.z),
+        1 => DVec2::new(p.z, p.x),
+        _ => DVec2::new(p.x, p.y),
+    }
 }
 
 /// The coordinate along the axis of a triangle's plane at a point.
@@ -44,8 +49,9 @@ pub(in crate::scene) fn are_apart(a: &[DVec2; 3], b: &[DVec2; 3], rim: f64) -> b
     let separates = |(a, b): (&[DVec2; 3], &[DVec2; 3])| {
         (0..3).any(|k| {
             let (from, along) = (a[k], a[(k + 1) % 3] - a[k]);
-            let most = rim * along.length();
-            b.iter().all(|&p| along.perp_dot(p - from) <= most)
+            let inside = b.iter().map(|&p| along.perp_dot(p - from)).fold(f64::MIN, f64::max);
+            // Neighbours have nothing inside, and no root is needed for them.
+            inside <= 0.0 || inside <= rim * along.length()
         })
     };
     [(a, b), (b, a)].into_iter().any(separates)
@@ -105,7 +111,7 @@ fn signed_area(polygon: &[DVec2]) -> f64 {
 }
 
 fn edges(polygon: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> + '_ {
-    let next = polygon.iter().cycle().skip(1);
+    let next = polygon.iter().skip(1).chain(polygon.first());
     polygon.iter().copied().zip(next.copied())
 }
 

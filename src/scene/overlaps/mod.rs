@@ -6,6 +6,7 @@
 
 pub(super) mod flat;
 mod near;
+mod row;
 
 use super::groups::Groups;
 use super::material::MaterialId;
@@ -14,7 +15,8 @@ use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 use flat::Polygon;
 use glam::Vec3;
-use near::{Flat, PARALLEL};
+use near::PARALLEL;
+use row::Flat;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
@@ -80,9 +82,11 @@ impl Overlaps {
     fn new(triangles: &[Triangle], material_of: &[MaterialId], pairs: &[(u32, u32)]) -> Overlaps {
         let mut both: Vec<(u32, u32)> = pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
         both.sort_unstable();
-        let count = triangles.len() as u32;
+        let mut first = vec![0; triangles.len() + 1];
+        both.iter().for_each(|pair| first[pair.0 as usize + 1] += 1);
+        (1..first.len()).for_each(|t| first[t] += first[t - 1]);
         let mut overlaps = Overlaps {
-            first: (0..=count).map(|t| both.partition_point(|pair| pair.0 < t) as u32).collect(),
+            first,
             others: both.iter().map(|pair| TriangleId(pair.1)).collect(),
             rank: vec![0; triangles.len()],
             is_given_up: false,

@@ -3,32 +3,16 @@
 //! The boxes are sorted by size, then along a Morton curve; eight in a row have a box around them, eight of those
 //! again, and so on. Each row of eight is compared with those behind it that its box touches.
 
+use super::row::{Boxes, Flat, Row, WIDTH, lanes};
 use crate::geometry::bounds::Bounds;
+use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Boxes, or boxes around boxes, in a row; rows that look for others together.
-const FANOUT: usize = 8;
 
 /// Normals with a smaller cosine between them are not those of one plane. Within the tolerance of rays two
 /// planes at a degree stay together for a few thousandths of a percent of the scene only.
 pub(super) const PARALLEL: f32 = 0.9998;
-
-/// Something flat in a box.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Flat {
-    pub bounds: Bounds,
-    /// Of length 1, or 0 for what is parallel to nothing.
-    pub normal: Vec3,
-}
-
-impl Flat {
-    fn may_overlap(&self, other: &Flat) -> bool {
-        self.bounds.touches(&other.bounds) && self.normal.dot(other.normal).abs() > PARALLEL
-    }
-}
 
 /// Of `count` things, numbered from 0, the pairs that touch, are parallel and are `wanted`, the lower number first,
 /// in order. `None` if more than `most[0]` pairs would have to be looked at, or more than `most[1]` are wanted.
@@ -38,84 +22,71 @@ pub(super) fn pairs(
     wanted: impl Fn(u32, u32) -> bool + Sync,
     most: [u64; 2],
 ) -> Option<Vec<(u32, u32)>> {
-    let tree = Tree::new(count, thing);
+    let (tree, level) = (Tree::new(count, thing), Level::new());
     let [looked_at, found] = [AtomicU64::new(0), AtomicU64::new(0)];
     let is_exceeded =
         || looked_at.load(Ordering::Relaxed) > most[0] || found.load(Ordering::Relaxed) > most[1];
     let of_group = |group: usize| {
         let mut search = Search { tree: &tree, wanted: &wanted, looked_at: 0, found: Vec::new() };
         if !is_exceeded() {
-            search.pairs_of(group);
+            dispatch!(level, simd => search.pairs_of(simd, group));
         }
         looked_at.fetch_add(search.looked_at, Ordering::Relaxed);
         found.fetch_add(search.found.len() as u64, Ordering::Relaxed);
         search.found
     };
-    let groups = tree.levels[0].len().div_ceil(FANOUT);
+    let groups = tree.levels[0].len();
     let mut pairs: Vec<(u32, u32)> = (0..groups).into_par_iter().flat_map_iter(of_group).collect();
     if is_exceeded() {
         return None;
     }
-    pairs.sort_unstable();
+    pairs.par_sort_unstable();
     Some(pairs)
 }
 
 struct Tree {
-    /// In their order along the curve, with their numbers.
-    things: Vec<(Flat, u32)>,
-    /// Around rows of boxes, then around rows of the level before.
-    levels: Vec<Vec<Bounds>>,
+    /// In their order along the curve.
+    rows: Vec<Row>,
+    /// Around rows, then around what is on the level before; the last level has one item at most.
+    levels: Vec<Vec<Boxes>>,
 }
 
 impl Tree {
     fn new(count: usize, thing: impl Fn(u32) -> Flat + Sync) -> Tree {
-        let all = around((0..count as u32).map(|number| thing(number).bounds));
-        let key =
-            |number: u32| u64::from(place(&thing(number).bounds, &all)) << 32 | u64::from(number);
-        let mut keys: Vec<u64> = (0..count as u32).into_par_iter().map(key).collect();
-        keys.par_sort_unstable();
-        let numbered = |key: u64| (thing(key as u32), key as u32);
-        let things: Vec<(Flat, u32)> = keys.into_par_iter().map(numbered).collect();
-        let rows = things.par_chunks(FANOUT);
-        let rows = rows.map(|row| around(row.iter().map(|(thing, _)| thing.bounds))).collect();
-        let mut levels: Vec<Vec<Bounds>> = vec![rows];
-        while let Some(below) = levels.last().filter(|level| level.len() > FANOUT) {
-            let above = below.chunks(FANOUT).map(|row| around(row.iter().copied())).collect();
-            levels.push(above);
+        let numbers = 0..count as u32;
+        let boxes = numbers.clone().into_par_iter().map(|number| thing(number).bounds);
+        let all = boxes.reduce(|| Bounds::EMPTY, |a, b| a.with(&b));
+        let places = numbers.into_par_iter().map(|number| place(&thing(number).bounds, &all));
+        let order = in_order(&places.collect::<Vec<u64>>());
+        let rows: Vec<Row> = order.par_chunks(WIDTH).map(|row| Row::new(row, &thing)).collect();
+        let groups = rows.par_chunks(WIDTH);
+        let around = |rows: &[Row]| Boxes::new(rows.iter().map(|row| row.boxes.around()));
+        let mut levels: Vec<Vec<Boxes>> = vec![groups.map(around).collect()];
+        while let Some(below) = levels.last().filter(|level| level.len() > 1) {
+            let above = below.chunks(WIDTH).map(|row| Boxes::new(row.iter().map(Boxes::around)));
+            levels.push(above.collect());
         }
-        Tree { things, levels }
+        Tree { rows, levels }
     }
 
-    fn row(&self, row: usize) -> &[(Flat, u32)] {
-        &self.things[row * FANOUT..((row + 1) * FANOUT).min(self.things.len())]
-    }
-
-    /// Adds the rows from `first` on that touch a box.
-    fn touching(&self, bounds: &Bounds, first: usize, rows: &mut Vec<usize>) {
-        let top = self.levels.len() - 1;
-        self.descend(bounds, first, (top, 0..self.levels[top].len()), rows);
-    }
-
-    fn descend(
-        &self,
-        bounds: &Bounds,
-        first: usize,
-        (level, nodes): (usize, Range<usize>),
-        rows: &mut Vec<usize>,
-    ) {
-        for node in nodes {
-            let end = (node + 1) * FANOUT.pow(level as u32);
-            if end <= first || !self.levels[level][node].touches(bounds) {
-                continue;
+    /// The groups of rows from `first` on that touch a box.
+    #[inline(always)]
+    fn touching<S: Simd>(&self, simd: S, bounds: &Bounds, first: usize) -> Vec<usize> {
+        let mut nodes = vec![0];
+        for (level, boxes) in self.levels.iter().enumerate().skip(1).rev() {
+            let mut children = Vec::with_capacity(32);
+            for node in nodes {
+                for lane in lanes(boxes[node].touching(simd, bounds)) {
+                    let child = node * WIDTH + lane;
+                    let end = (child + 1) * WIDTH.pow(level as u32 - 1);
+                    if end > first {
+                        children.push(child);
+                    }
+                }
             }
-            if level == 0 {
-                rows.push(node);
-            } else {
-                let below = self.levels[level - 1].len();
-                let children = node * FANOUT..((node + 1) * FANOUT).min(below);
-                self.descend(bounds, first, (level - 1, children), rows);
-            }
+            nodes = children;
         }
+        nodes
     }
 }
 
@@ -128,37 +99,46 @@ struct Search<'t, F> {
 
 impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     /// The pairs of a group of rows with each other and with what is behind them.
-    fn pairs_of(&mut self, group: usize) {
-        let rows = group * FANOUT..((group + 1) * FANOUT).min(self.tree.levels[0].len());
-        let bounds = around(self.tree.levels[0][rows.clone()].iter().copied());
-        let mut others = Vec::new();
-        self.tree.touching(&bounds, rows.start, &mut others);
-        for row in rows {
-            self.pairs_of_row(row, &others);
-        }
-    }
-
-    fn pairs_of_row(&mut self, row: usize, others: &[usize]) {
-        let tree = self.tree;
-        let bounds = &tree.levels[0][row];
-        let own = tree.row(row);
-        for (k, thing) in own.iter().enumerate() {
-            self.compare(thing, &own[k + 1..]);
-        }
-        for &other in others.iter().filter(|&&other| other > row) {
-            if !tree.levels[0][other].touches(bounds) {
-                continue;
-            }
-            for other in tree.row(other).iter().filter(|(other, _)| other.bounds.touches(bounds)) {
-                self.compare(other, own);
+    #[inline(always)]
+    fn pairs_of<S: Simd>(&mut self, simd: S, group: usize) {
+        let Tree { rows, levels } = self.tree;
+        let own = &levels[0][group];
+        let others = self.tree.touching(simd, &own.around(), group);
+        for (lane, row) in rows.iter().skip(group * WIDTH).take(WIDTH).enumerate() {
+            let bounds = own.get(lane);
+            self.pairs_within(simd, row);
+            for &other in &others {
+                let touching = levels[0][other].touching(simd, &bounds);
+                let before = if other == group { (2 << lane) - 1 } else { 0 };
+                for lane in lanes(touching & !before) {
+                    self.pairs_between(simd, (row, &bounds), &rows[other * WIDTH + lane]);
+                }
             }
         }
     }
 
-    fn compare(&mut self, (thing, number): &(Flat, u32), others: &[(Flat, u32)]) {
-        self.looked_at += others.len() as u64;
-        for (_, other) in others.iter().filter(|(other, _)| other.may_overlap(thing)) {
-            let pair = (*number.min(other), *number.max(other));
+    #[inline(always)]
+    fn pairs_within<S: Simd>(&mut self, simd: S, row: &Row) {
+        for lane in 0..WIDTH {
+            let before = (2 << lane) - 1;
+            self.look(row, lane, (row, row.fitting(simd, &row.get(lane), PARALLEL) & !before));
+        }
+    }
+
+    #[inline(always)]
+    fn pairs_between<S: Simd>(&mut self, simd: S, (row, bounds): (&Row, &Bounds), other: &Row) {
+        for lane in lanes(other.boxes.touching(simd, bounds)) {
+            self.looked_at += WIDTH as u64;
+            self.look(other, lane, (row, row.fitting(simd, &other.get(lane), PARALLEL)));
+        }
+    }
+
+    /// Keeps the pairs of one thing with some of a row, as far as they are wanted.
+    #[inline(always)]
+    fn look(&mut self, one: &Row, lane: usize, (row, fitting): (&Row, u64)) {
+        for other in lanes(fitting) {
+            let (a, b) = (one.numbers[lane], row.numbers[other]);
+            let pair = (a.min(b), a.max(b));
             if (self.wanted)(pair.0, pair.1) {
                 self.found.push(pair);
             }
@@ -166,30 +146,74 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     }
 }
 
-fn around(boxes: impl Iterator<Item = Bounds>) -> Bounds {
-    boxes.fold(Bounds::EMPTY, |all, bounds| all.with(&bounds))
+/// The numbers of keys in ascending order, those of equal keys too: a radix sort by 11 bits at a time.
+fn in_order(keys: &[u64]) -> Vec<u32> {
+    const BITS: u32 = 11;
+    let mut order: Vec<u32> = (0..keys.len() as u32).collect();
+    let mut sorted = vec![0; keys.len()];
+    for shift in (0..PLACE_BITS).step_by(BITS as usize) {
+        let digit = |number: u32| (keys[number as usize] >> shift) as usize & ((1 << BITS) - 1);
+        let mut ends = [0u32; 1 << BITS];
+        order.iter().for_each(|number| ends[digit(*number)] += 1);
+        let mut filled = 0;
+        for end in &mut ends {
+            filled += *end;
+            *end = filled;
+        }
+        for &number in order.iter().rev() {
+            let place = &mut ends[digit(number)];
+            *place -= 1;
+            sorted[*place as usize] = number;
+        }
+        std::mem::swap(&mut order, &mut sorted);
+    }
+    order
 }
 
-/// Boxes with near numbers have near sizes and near places: how often the whole would be halved down to the size;
-/// then the bits of the centre's coordinates within the whole, 9 of each, interleaved (Morton, 1966).
-fn place(bounds: &Bounds, whole: &Bounds) -> u32 {
+/// The bits of a place: 5 for the size, and for each coordinate as many as tell the triangles of large scans apart.
+const PLACE_BITS: u32 = 5 + 3 * 13;
+
+/// Boxes with near numbers have near sizes and near places: how often the whole would be divided by eight down to
+/// the size; then the bits of the centre's coordinates within the whole, interleaved (Morton, 1966).
+fn place(bounds: &Bounds, whole: &Bounds) -> u64 {
     // What is no number casts to 0.
     let share = bounds.diagonal().max_element() / whole.diagonal().max_element();
     // The exponent of f32 is 127 at 1.
-    let halvings = 127u32.saturating_sub(share.to_bits() >> 23).min(31);
-    let spread = |x: f32| {
-        let x = (x * 511.0) as u32 & 511;
-        (0..9).fold(0, |bits, bit| bits | (x >> bit & 1) << (3 * bit))
-    };
+    let divisions = (127u32.saturating_sub(share.to_bits() >> 23) / 3).min(31);
     let center: Vec3 = (bounds.center() - whole.min) / whole.diagonal();
-    let [x, y, z] = center.to_array().map(spread);
-    halvings << 27 | x | y << 1 | z << 2
+    let [x, y, z] = center.to_array().map(|x| spread((x * 8191.0) as u64 & 8191));
+    u64::from(divisions) << (3 * 13) | x | y << 1 | z << 2
+}
+
+/// Thirteen bits with two free ones behind each.
+fn spread(bits: u64) -> u64 {
+    let apart = |bits: u64, by: u32, mask: u64| (bits | bits << by) & mask;
+    let halves = apart(apart(bits, 16, 0xff_0000_ff00_00ff), 8, 0x100f_00f0_0f00_f00f);
+    apart(apart(halves, 4, 0x10c3_0c30_c30c_30c3), 2, 0x1249_2492_4924_9249)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sampling::{PointSet, Purpose, Stream};
+
+    #[test]
+    fn keys_are_sorted_and_equal_ones_keep_their_order() {
+        let mixed =
+            |k: u64| k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - PLACE_BITS as u64 + k % 44);
+        let keys: Vec<u64> = (0..5000).map(mixed).collect();
+        let mut expected: Vec<u32> = (0..5000).collect();
+        expected.sort_by_key(|number| keys[*number as usize]);
+        assert_eq!(in_order(&keys), expected);
+    }
+
+    #[test]
+    fn bits_are_spread_by_two() {
+        for bits in 0..8192u64 {
+            let each = (0..13).fold(0, |all, bit| all | (bits >> bit & 1) << (3 * bit));
+            assert_eq!(spread(bits), each);
+        }
+    }
 
     #[test]
     fn all_pairs_are_found_that_comparing_each_with_each_finds() {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::geometry::shapes;
+use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::{Material, MaterialId, Scene};
 use glam::{DQuat, DVec3};
 
@@ -103,4 +104,86 @@ fn what_stands_on_a_floor_hides_only_backs_and_nobody_is_warned() {
     assert_eq!(shown(bottom, true), 0.0);
     assert!(shown(floor, true) < 1.0);
     assert!(scene.overlap_warning().is_none());
+}
+
+/// Whether two triangles overlap by the rule alone, with nothing that makes the search quick.
+fn overlap_by_the_rule(a: &Triangle, b: &Triangle) -> bool {
+    let is_parallel = a.normal().dot(b.normal()).abs() > PARALLEL;
+    if !is_parallel || !padded(a).touches(&padded(b)) {
+        return false;
+    }
+    let tolerance = a.ray_offset().max(b.ray_offset()) as f64;
+    let n = a.double_area_normal().normalize();
+    let axis = flat::axis_of(n.as_vec3());
+    let [pa, pb] = [a, b].map(|triangle| flat::seen_along(axis, triangle));
+    let common = flat::common(&pa, &pb);
+    let apart = |p| flat::height_at(axis, a, p) - flat::height_at(axis, b, p);
+    flat::area(&common) > tolerance * flat::perimeter(&common)
+        && common.iter().all(|&p| (apart(p) * n[axis]).abs() <= tolerance)
+}
+
+/// Triangles in four planes with corners on a coarse grid, so that many share corners, edges and lines; of all
+/// sizes, some of them slivers; then copies of some, turned round.
+fn scattered(seed: u64) -> Vec<Triangle> {
+    let stream = Stream::new(seed, Purpose::Pair, 0, PointSet::Random);
+    let triangle = |i: u32| {
+        let [plane, size, ..] = stream.point(3 * i);
+        let [a, b, c, d] = stream.point(3 * i + 1);
+        let [e, f, ..] = stream.point(3 * i + 2);
+        let turn = if plane < 0.25 { askew() } else { DQuat::IDENTITY };
+        let scale = [1.0, 1.0, 0.25, 8.0][(size * 4.0) as usize];
+        let place = |u: f32, v: f32| {
+            let [u, v] = [u, v].map(|x| (x as f64 * 5.0).floor() * scale + 0.3);
+            let p = [DVec3::new(u, v, 1.0), DVec3::new(1.0, u, v), DVec3::new(u, 1.0, v)];
+            (turn * p[(plane * 40.0) as usize % 3]).as_vec3()
+        };
+        Triangle::new(place(a, b), place(c, d), place(e, f))
+    };
+    let mut triangles: Vec<Triangle> = (0..700).map(triangle).collect();
+    triangles.extend_from_within(..60);
+    triangles[730..].iter_mut().for_each(|triangle| triangle.p.swap(0, 2));
+    triangles
+}
+
+/// Sheets one above the other, nearer and farther than rays can tell, shifted and turned a little; tiles; slivers
+/// along a diagonal; squares one in another.
+fn adversarial(turn: DQuat) -> Vec<Triangle> {
+    let (x, z) = (DVec3::X, DVec3::Z);
+    let tolerance = 64.0 * f64::powi(2.0, -24) * 3.0;
+    let mut sheets = Vec::new();
+    for k in 0..60 {
+        let t = k as f64;
+        let up = DVec3::Y * tolerance * 0.13 * t;
+        sheets.push(sheet(x * (0.07 * t % 2.0) + up, z, x + up * ((k % 3) as f64)));
+        sheets.push(sheet(
+            DVec3::new((k % 8) as f64 * 0.5, 1.0, (k / 8) as f64 * 0.5),
+            z * 0.5,
+            x * 0.5,
+        ));
+        sheets.push(sheet(DVec3::new(t / 60.0, 2.0, -t / 60.0), x + z, (x - z) * (0.9 / 60.0)));
+        let inset = DVec3::new(t, 0.0, t) / 60.0;
+        sheets.push(sheet(DVec3::Y * 3.0 + inset, z * (2.0 - t / 30.0), x * (2.0 - t / 30.0)));
+    }
+    let turned = |p: Vec3| (turn * p.as_dvec3()).as_vec3();
+    sheets.concat().iter().map(|triangle| Triangle { p: triangle.p.map(turned) }).collect()
+}
+
+#[test]
+fn the_search_finds_the_pairs_that_the_rule_names() {
+    let meshes = [scattered(1), scattered(2), adversarial(DQuat::IDENTITY), adversarial(askew())];
+    for (mesh, triangles) in meshes.into_iter().enumerate() {
+        let triangles: Vec<Triangle> = triangles.into_iter().filter(|t| t.area() > 0.0).collect();
+        let overlaps = Overlaps::find(&triangles, &vec![MaterialId(0); triangles.len()]);
+        let mut count = 0;
+        for a in 0..triangles.len() {
+            let others = (0..triangles.len()).filter(|&b| b != a).filter(|&b| {
+                let (low, high) = (&triangles[a.min(b)], &triangles[a.max(b)]);
+                overlap_by_the_rule(low, high)
+            });
+            let others: Vec<TriangleId> = others.map(|b| TriangleId(b as u32)).collect();
+            assert_eq!(overlaps.with(TriangleId(a as u32)), others, "mesh {mesh}, triangle {a}");
+            count += others.len();
+        }
+        assert!((1000..500_000).contains(&count), "mesh {mesh}: {count}");
+    }
 }
