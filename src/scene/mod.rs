@@ -16,6 +16,7 @@ mod model;
 mod mutation;
 pub(crate) mod obj;
 mod opacity;
+mod overlap_warnings;
 pub mod overlaps;
 mod overrides;
 mod ply;
@@ -216,7 +217,7 @@ impl Scene {
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
-        scene.warnings.extend(scene.overlap_warning());
+        scene.warnings.extend(scene.overlap_warnings());
         Ok(scene)
     }
 

@@ -2,7 +2,6 @@
 
 use super::Scene;
 use super::overlaps::{Overlaps, flat};
-use crate::error::Warning;
 use crate::geometry::{Triangle, TriangleId};
 use crate::sampling::regular_triangle;
 use glam::Vec3;
@@ -87,31 +86,7 @@ impl Scene {
         points.iter().map(through).sum::<f64>() / points.len() as f64
     }
 
-    /// Says what is assumed, where two fronts or two backs are in one place.
-    pub(super) fn overlap_warning(&self) -> Option<Warning> {
-        let overlaps = self.overlaps();
-        if overlaps.is_given_up {
-            return Some(Warning::new(
-                "too many triangles overlap in one plane: rounding decides which of them is seen",
-            ));
-        }
-        let alike = |t: TriangleId| {
-            let normal = self.normal_of(t);
-            overlaps.with(t).iter().any(|&other| self.normal_of(other).dot(normal) > 0.0)
-        };
-        let mut doubtful = overlaps.triangles().filter(|&t| alike(t));
-        let first = doubtful.next()?;
-        let face = match self.mesh.origins.get(first.index()) {
-            Some(origin) => format!(" (the first: face {})", origin.face),
-            None => String::new(),
-        };
-        Some(Warning::new(format!(
-            "{} triangles overlap others in the same plane{face}: where they do, the smaller surface is seen",
-            1 + doubtful.count()
-        )))
-    }
-
-    fn normal_of(&self, triangle: TriangleId) -> Vec3 {
+    pub(super) fn normal_of(&self, triangle: TriangleId) -> Vec3 {
         self.triangles[triangle.index()].normal()
     }
 }

@@ -356,7 +356,13 @@ fn power_cases() -> Vec<(&'static str, String, String, &'static str)> {
         ("mirror", room(&pane("glass")), glass("Kd 0 0 0\nKs 0.95 0.95 0.95\nillum 3"), "mirrors"),
         ("white", room(&pane("glass")), glass("Kd 1 1 1"), ""),
         ("shallow", void, MATERIALS.into(), ""),
-        ("carpet", room(CARPET), MATERIALS.into(), "overlap others in the same plane"),
+        ("carpet", room(CARPET), MATERIALS.into(), "first: face 7 is seen, not face 1"),
+        (
+            "turned carpet",
+            room(&CARPET.replace("13 14 15 16", "16 15 14 13")),
+            MATERIALS.into(),
+            "first: face 7 behind face 1): to see them there, reverse their winding",
+        ),
         ("sealed box", with_sealed_box(), MATERIALS.into(), "where others do"),
     ]
 }

@@ -49,7 +49,8 @@ fn a_carpet_comes_before_the_floor_whatever_its_place_in_space() {
         assert_eq!([shown(t[2]), shown(t[3])], [1.0, 1.0]);
         let floor = 8.0 * (shown(t[0]) + shown(t[1]));
         assert!((floor - 14.0).abs() < 1e-5, "16 - 2 are left of the floor: {floor}");
-        assert!(scene.overlap_warning().is_some());
+        let warnings = scene.overlap_warnings();
+        assert!(warnings.len() == 1 && warnings[0].text.contains("the smaller surface is seen"));
     }
 }
 
@@ -93,17 +94,40 @@ fn a_carpet_on_tiles_comes_before_each_of_them() {
     }
 }
 
+/// A floor of 4 × 4, facing up, with material 0, and triangles with material 1.
+fn on_a_floor(triangles: Vec<Triangle>) -> Scene {
+    let floor = sheet(DVec3::ZERO, DVec3::Z * 4.0, DVec3::X * 4.0);
+    let material_of = (0..2 + triangles.len()).map(|t| MaterialId((t >= 2) as u32)).collect();
+    let triangles = [floor.to_vec(), triangles].concat();
+    Scene::new(triangles, material_of, vec![Material::fallback(); 2])
+}
+
 #[test]
 fn what_stands_on_a_floor_hides_only_backs_and_nobody_is_warned() {
-    let (x, z) = (DVec3::X, DVec3::Z);
-    // The bottom of a block faces down.
-    let scene = scene(&[sheet(DVec3::ZERO, z * 4.0, x * 4.0), sheet(x + z, x, z)]);
-    let (floor, bottom) = (TriangleId(0), TriangleId(2));
+    let block = shapes::cube(Vec3::new(1.0, 0.0, 1.0), 1.0);
+    let is_bottom = |t: &Triangle| t.p.iter().all(|p| p.y == 0.0);
+    let bottom = TriangleId(2 + block.iter().position(is_bottom).unwrap() as u32);
+    let scene = on_a_floor(block);
+    let floor = TriangleId(0);
     let shown = |t: TriangleId, is_back| scene.shown_share(t, is_back, &scene.triangles[t.index()]);
     assert_eq!((shown(floor, false), shown(bottom, false)), (1.0, 1.0));
     assert_eq!(shown(bottom, true), 0.0);
     assert!(shown(floor, true) < 1.0);
-    assert!(scene.overlap_warning().is_none());
+    assert!(scene.overlap_warnings().is_empty());
+}
+
+#[test]
+fn a_carpet_that_faces_down_is_hidden_and_reported() {
+    let carpet = sheet(DVec3::X + DVec3::Z, DVec3::X, DVec3::Z);
+    let scene = on_a_floor(carpet.to_vec());
+    assert_eq!(scene.shown_share(TriangleId(2), true, &scene.triangles[2]), 0.0);
+    let warnings = scene.overlap_warnings();
+    assert_eq!(warnings.len(), 1);
+    let text = &warnings[0].text;
+    assert!(text.starts_with("2 triangles") && text.ends_with("reverse their winding"), "{text}");
+    // What looks like the floor is not missed.
+    let scene = Scene { material_of: vec![MaterialId(0); 4].into(), ..scene };
+    assert!(scene.overlap_warnings().is_empty());
 }
 
 /// Whether two triangles overlap by the rule alone, with nothing that makes the search quick.
