@@ -19,22 +19,21 @@ pub(super) struct Sheets {
 
 /// `None` if no triangle is there twice.
 pub(super) fn find(topology: &Topology, material_of: &[MaterialId]) -> Option<Sheets> {
-    let mut places: Vec<([VertexId; 3], u32)> = (0..).zip(&topology.corners).map(sorted).collect();
-    places.sort_unstable();
-    if places.windows(2).all(|pair| pair[0].0 != pair[1].0) {
+    let lists = topology.copies();
+    if lists.is_empty() {
         return None;
     }
     let mut kept = vec![true; material_of.len()];
     let mut back_of = vec![None; material_of.len()];
     let (mut backs, mut equal) = (0, 0);
-    for place in places.chunk_by(|a, b| a.0 == b.0) {
-        let first = place[0].1 as usize;
-        for &(_, copy) in &place[1..] {
-            kept[copy as usize] = false;
-            if is_even(&topology.corners[first]) == is_even(&topology.corners[copy as usize]) {
+    for list in lists {
+        let first = list[0].index();
+        for copy in list[1..].iter().map(|copy| copy.index()) {
+            kept[copy] = false;
+            if is_even(&topology.corners[first]) == is_even(&topology.corners[copy]) {
                 equal += 1;
             } else if back_of[first].is_none() {
-                back_of[first] = Some(material_of[copy as usize]);
+                back_of[first] = Some(material_of[copy]);
                 backs += 1;
             } else {
                 equal += 1;
@@ -44,12 +43,6 @@ pub(super) fn find(topology: &Topology, material_of: &[MaterialId]) -> Option<Sh
     let mut stays = kept.iter();
     back_of.retain(|_| *stays.next().expect("one answer per triangle"));
     Some(Sheets { kept, back_of, backs, equal })
-}
-
-fn sorted((index, corners): (u32, &[VertexId; 3])) -> ([VertexId; 3], u32) {
-    let mut corners = *corners;
-    corners.sort_unstable();
-    (corners, index)
 }
 
 /// Whether the corners run in the direction of their numbers.

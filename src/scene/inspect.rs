@@ -39,13 +39,16 @@ pub(crate) struct MaterialUse {
 impl Inspection {
     pub(crate) fn of(scene: &Scene) -> Inspection {
         let topology = scene.topology();
+        // The slowest two counts.
+        let (open_edges, duplicates) =
+            rayon::join(|| topology.open_edges(), || topology.duplicates());
         Inspection {
             triangles: scene.triangles.len(),
             objects: scene.mesh.object_count(),
             degenerate: scene.degenerate,
-            duplicates: topology.duplicates(),
+            duplicates,
             vertices: topology.vertex_count,
-            open_edges: topology.open_edges(),
+            open_edges,
             area: scene.area(),
             bounds: scene.bounds(),
             materials: material_uses(scene),

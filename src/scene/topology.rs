@@ -5,7 +5,6 @@ use crate::geometry::{Triangle, TriangleId};
 use foldhash::fast::RandomState;
 use glam::Vec3;
 use hashbrown::HashTable;
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::hash::BuildHasher;
 use std::sync::OnceLock;
@@ -122,10 +121,29 @@ impl Topology {
 
     /// Triangles whose three vertices another triangle before them has too.
     pub fn duplicates(&self) -> usize {
-        let mut sorted: Vec<[VertexId; 3]> = self.corners.clone();
-        sorted.iter_mut().for_each(|corners| corners.sort_unstable());
-        sorted.par_sort_unstable();
-        sorted.windows(2).filter(|pair| pair[0] == pair[1]).count()
+        self.copies().iter().map(|copies| copies.len() - 1).sum()
+    }
+
+    /// Lists of two or more triangles with the same three vertices, in the triangles' order.
+    pub(super) fn copies(&self) -> Vec<Vec<TriangleId>> {
+        let sorted = |triangle: u32| {
+            let mut corners = self.corners[triangle as usize];
+            corners.sort_unstable();
+            corners
+        };
+        let lowest = |triangle| sorted(triangle)[0].0 as usize;
+        let mut copies = Vec::new();
+        let (mut triangles, sizes) = binned(self.corners.len() as u32, self.vertex_count, lowest);
+        let mut rest = triangles.as_mut_slice();
+        for size in sizes {
+            let (bin, others) = rest.split_at_mut(size as usize);
+            bin.sort_unstable_by_key(|triangle| (sorted(*triangle), *triangle));
+            let lists = bin.chunk_by(|a, b| sorted(*a) == sorted(*b));
+            let several = lists.filter(|list| list.len() > 1);
+            copies.extend(several.map(|list| list.iter().copied().map(TriangleId).collect()));
+            rest = others;
+        }
+        copies
     }
 }
 
@@ -185,10 +203,21 @@ fn ends(corners: &[[VertexId; 3]], half: HalfNumber) -> (VertexId, VertexId) {
 /// They are counted into one bin per lower vertex. A bin holds few, so it is quickly sorted, and no list
 /// of keys is needed.
 fn sorted_half_edges(corners: &[[VertexId; 3]], vertex_count: usize) -> Vec<HalfNumber> {
-    let halves = || 0..3 * corners.len() as HalfNumber;
-    let bin = |half| ends(corners, half).0.0 as usize;
-    let mut sizes = vec![0u32; vertex_count];
-    halves().for_each(|half| sizes[bin(half)] += 1);
+    let lower = |half| ends(corners, half).0.0 as usize;
+    let (mut sorted, sizes) = binned(3 * corners.len() as HalfNumber, vertex_count, lower);
+    let mut rest = sorted.as_mut_slice();
+    for size in sizes {
+        let (bin, others) = rest.split_at_mut(size as usize);
+        bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half));
+        rest = others;
+    }
+    sorted
+}
+
+/// The numbers below `count`, bin by bin, in ascending order in each; and the sizes of the bins.
+fn binned(count: u32, bins: usize, bin: impl Fn(u32) -> usize) -> (Vec<u32>, Vec<u32>) {
+    let mut sizes = vec![0u32; bins];
+    (0..count).for_each(|number| sizes[bin(number)] += 1);
     let mut filled = 0;
     let mut next: Vec<u32> = sizes
         .iter()
@@ -197,19 +226,13 @@ fn sorted_half_edges(corners: &[[VertexId; 3]], vertex_count: usize) -> Vec<Half
             filled - size
         })
         .collect();
-    let mut sorted = vec![0; 3 * corners.len()];
-    for half in halves() {
-        let place = &mut next[bin(half)];
-        sorted[*place as usize] = half;
+    let mut sorted = vec![0; count as usize];
+    for number in 0..count {
+        let place = &mut next[bin(number)];
+        sorted[*place as usize] = number;
         *place += 1;
     }
-    let mut rest = sorted.as_mut_slice();
-    for size in sizes {
-        let (bin, others) = rest.split_at_mut(size as usize);
-        bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half));
-        rest = others;
-    }
-    sorted
+    (sorted, sizes)
 }
 
 #[cfg(test)]
