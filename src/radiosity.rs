@@ -184,9 +184,10 @@ pub fn solve(
             (transport_time, solution, matrix.reciprocity_defect())
         }
         None => {
+            let before = start.elapsed();
             let clock = Clock::default();
             let solution = shoot(&estimator, &problem, settings, &clock, progress)?;
-            let transport_time = clock.elapsed();
+            let transport_time = before + clock.elapsed();
             // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
             let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
             (transport_time, solution, reciprocity)
@@ -296,15 +297,19 @@ impl Clock {
     }
 }
 
-/// Rows whose making is timed.
+/// Rows that are timed where many are made at once: each alone, on several threads, would count double.
 struct Timed<'c, R>(R, &'c Clock);
 
 impl<R: Rows> Rows for Timed<'_, R> {
     fn row(&self, i: PatchId) -> Row {
+        self.0.row(i)
+    }
+
+    fn rows_of(&self, patches: &[PatchId]) -> Vec<Row> {
         let start = Instant::now();
-        let row = self.0.row(i);
+        let rows = self.0.rows_of(patches);
         self.1.0.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
-        row
+        rows
     }
 }
 

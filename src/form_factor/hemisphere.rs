@@ -150,13 +150,15 @@ struct HemisphereWork {
     centroids: Vec<[f32; 3]>,
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
+    /// A row that is made on demand.
+    row: Vec<u32>,
 }
 
 impl HemisphereWork {
     fn new(of: &Estimator) -> Self {
         let regular = of.points == PointSet::Regular;
         let centroids = if regular { regular_triangle(of.samples.isqrt()) } else { Vec::new() };
-        HemisphereWork { centroids, rays: Vec::new(), hits: Vec::new() }
+        HemisphereWork { centroids, rays: Vec::new(), hits: Vec::new(), row: Vec::new() }
     }
 
     /// Fills the row with what patch i's rays hit, sorted.
@@ -182,12 +184,23 @@ impl HemisphereWork {
         }
         row.sort_unstable();
     }
+
+    fn row(&mut self, of: &Estimator, i: PatchId) -> Row {
+        let mut row = std::mem::take(&mut self.row);
+        row.resize(of.samples as usize, ESCAPED);
+        self.trace(of, i, &mut row);
+        self.row = row;
+        row_of(&self.row)
+    }
 }
 
 impl Rows for OnDemand<'_, Hemisphere> {
     fn row(&self, i: PatchId) -> Row {
-        let mut hits = vec![ESCAPED; self.of.samples as usize];
-        HemisphereWork::new(self.of).trace(self.of, i, &mut hits);
-        row_of(&hits)
+        HemisphereWork::new(self.of).row(self.of, i)
+    }
+
+    fn rows_of(&self, patches: &[PatchId]) -> Vec<Row> {
+        let work = || HemisphereWork::new(self.of);
+        patches.par_iter().map_init(work, |work, &i| work.row(self.of, i)).collect()
     }
 }

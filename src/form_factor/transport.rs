@@ -28,6 +28,11 @@ pub trait Rows: Sync {
     /// Row i. A j comes once.
     fn row(&self, i: PatchId) -> Row;
 
+    /// The rows of these patches, in their order, in parallel.
+    fn rows_of(&self, patches: &[PatchId]) -> Vec<Row> {
+        patches.par_iter().map(|&i| self.row(i)).collect()
+    }
+
     /// Calls `entry(j, F_ij)` for the entries of row i above zero; a j may come more than once.
     fn for_each_in_row(&self, i: PatchId, entry: &mut dyn FnMut(usize, f64)) {
         self.row(i).entries.iter().for_each(|&(j, factor)| entry(j.index(), factor));

@@ -143,17 +143,7 @@ impl Problem {
     fn residual(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> f64 {
         let left = (0..self.len())
             .map(|i| self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]);
-        self.relative(self.power(left))
-    }
-
-    /// Power left, relative to the source's, in the worst channel; 0 without a source. NaN if
-    /// anything is not finite, so that nobody takes it for converged.
-    fn relative(&self, left: Rgb64) -> f64 {
-        let source = self.power(self.source.iter().copied());
-        if !(source.is_finite() && left.is_finite()) {
-            return f64::NAN;
-        }
-        (0..3).filter(|&c| source[c] > 0.0).map(|c| left[c] / source[c]).fold(0.0, f64::max)
+        relative(self.power(left), self.power(self.source.iter().copied()))
     }
 
     /// Refuses light that provably grows or stays: ρ ≥ 1 on patches that send each other all they have.
@@ -200,6 +190,15 @@ impl Problem {
             failed.into_iter().for_each(|i| kept[i] = false);
         }
     }
+}
+
+/// Power left, relative to the source's, in the worst channel; 0 without a source. NaN if anything is not
+/// finite, so that nobody takes it for converged.
+fn relative(left: Rgb64, source: Rgb64) -> f64 {
+    if !(source.is_finite() && left.is_finite()) {
+        return f64::NAN;
+    }
+    (0..3).filter(|&c| source[c] > 0.0).map(|c| left[c] / source[c]).fold(0.0, f64::max)
 }
 
 /// Iterations after which a method that has not reached its tolerance never will.

@@ -2,15 +2,28 @@
 //!
 //! Cohen, Chen, Wallace & Greenberg, *A Progressive Refinement Approach to Fast Radiosity Image
 //! Generation*, SIGGRAPH 1988: the patch with the most unshot power sends it into the scene. Only
-//! that patch's row is needed, so no matrix is stored, and the radiosity so far is a picture at any
-//! moment. The unshot power is the residual.
+//! that patch's row is needed, so no matrix is stored. The unshot power is the residual.
+//!
+//! Here a round chooses the brightest patches, which together hold most of the unshot power, and their
+//! rows are traced in parallel. Then they shoot one after the other, each all that is unshot when its
+//! turn comes, with what the shots before it sent. So every shot is one of Southwell's, and rounds change
+//! only their order: a shooter is one of the brightest patches, instead of the brightest. Neither the
+//! choice nor any sum depends on the number of threads.
 
-use super::{Converged, Problem, Stop, cannot_converge};
+use super::{Converged, Problem, Stop, cannot_converge, relative};
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
-use crate::form_factor::Rows;
+use crate::form_factor::{Row, Rows};
 use crate::patches::PatchId;
 use crate::progress::Progress;
+use rayon::prelude::*;
+
+/// The share of the unshot power that the patches of a round hold. A larger one makes fewer rounds, in
+/// which more patches shoot that had better wait for more light.
+const SHARE_OF_ROUND: f64 = 0.75;
+
+/// Rows that are traced at a time: enough to keep many threads busy, few enough for the memory.
+const ROWS_AT_A_TIME: usize = 256;
 
 pub(super) fn solve(
     problem: &Problem,
@@ -18,121 +31,188 @@ pub(super) fn solve(
     stop: Stop,
     progress: &dyn Progress,
 ) -> Result<Converged> {
-    let n = problem.len();
-    let most = super::MOST_ITERATIONS.max(1000 * n);
-    let mut unshot = Unshot::new(problem);
-    let mut solution = Converged {
-        radiosity: problem.source.clone(),
-        irradiance: vec![Rgb64::ZERO; n],
-        residuals: Vec::new(),
-        iterations: 0,
-        row_sums: vec![None; n],
-        on_backs: vec![None; n],
-        reception_sums: None,
-    };
-    let mut reception = vec![0.0; n];
-    let mut residual = Vec::new();
-    let mut keeps_all = true;
-    while !stop.reached(solution.iterations, &residual, most)? {
-        let shooter = unshot.brightest();
-        let row = rows.row(PatchId(shooter as u32));
-        let sum = row.sum();
-        solution.on_backs[shooter] = row.on_backs;
-        let reflectance = problem.reflectance[shooter].max_element();
-        keeps_all &= reflectance >= 1.0 && reflectance * sum >= 1.0;
-        // The first n shots come from nearly all patches.
-        if keeps_all && solution.iterations >= n {
+    let mut shooting = Shooting::new(problem);
+    loop {
+        let round = shooting.next_round(stop);
+        if round.is_empty() {
+            return Ok(shooting.converged());
+        }
+        let (mut shooters, mut traced) = (&[][..], Vec::new());
+        for next in round.chunks(ROWS_AT_A_TIME).chain([&[][..]]) {
+            // The next rows are traced while the patches before them shoot.
+            let shoot = || shooting.shoot_all(shooters, traced, stop);
+            let (next_traced, is_done) = rayon::join(|| rows.rows_of(next), shoot);
+            if is_done? {
+                return Ok(shooting.converged());
+            }
+            progress.advance(shooters.len() as u64);
+            if progress.is_stopped() {
+                return Err(Error::stopped());
+            }
+            (shooters, traced) = (next, next_traced);
+        }
+    }
+}
+
+/// The light on its way, per patch. Powers are in W·m⁻² times square units.
+struct Shooting<'p> {
+    problem: &'p Problem,
+    source_power: Rgb64,
+    /// The power that arrived before the patch's last shot; its reflection has been sent.
+    settled: Vec<Rgb64>,
+    /// The power that arrived since.
+    arrived: Vec<Rgb64>,
+    /// Σ_j F_ij of each patch that has shot.
+    row_sums: Vec<Option<f64>>,
+    on_backs: Vec<Option<f64>>,
+    /// Σ_i A_i F_ij over the patches i that have shot.
+    reception: Vec<f64>,
+    /// The unshot power of all patches.
+    left: Rgb64,
+    shots: usize,
+    /// The relative residual after the first shot, and after the last.
+    residual: Vec<f64>,
+    residuals: Vec<f64>,
+    /// Whether no shot so far has lost any light.
+    keeps_all: bool,
+}
+
+impl<'p> Shooting<'p> {
+    fn new(problem: &'p Problem) -> Self {
+        let n = problem.len();
+        Shooting {
+            problem,
+            source_power: problem.power(problem.source.iter().copied()),
+            settled: vec![Rgb64::ZERO; n],
+            arrived: vec![Rgb64::ZERO; n],
+            row_sums: vec![None; n],
+            on_backs: vec![None; n],
+            reception: vec![0.0; n],
+            left: Rgb64::ZERO,
+            shots: 0,
+            residual: Vec::new(),
+            residuals: Vec::new(),
+            keeps_all: true,
+        }
+    }
+
+    /// The power that patch i has not sent yet: the reflection of what arrived, and before its first shot
+    /// its source.
+    fn unshot(&self, i: usize) -> Rgb64 {
+        let reflected = self.problem.reflectance[i] * self.arrived[i];
+        match self.row_sums[i] {
+            None => self.problem.source[i] * self.problem.areas[i] + reflected,
+            Some(_) => reflected,
+        }
+    }
+
+    /// The brightest patches, the lowest of equals first, and no more than may shoot.
+    fn next_round(&mut self, stop: Stop) -> Vec<PatchId> {
+        let n = self.problem.len();
+        // Counted anew, because the differences that each shot makes leave rounding behind.
+        self.left = (0..n).map(|i| self.unshot(i)).sum();
+        let powers: Vec<f64> = (0..n).map(|i| self.unshot(i).element_sum()).collect();
+        let mut round: Vec<usize> = (0..n).collect();
+        round.par_sort_by(|&i, &j| powers[j].total_cmp(&powers[i]));
+        let mut missing = SHARE_OF_ROUND * self.left.element_sum();
+        let is_needed = |&&i: &&usize| {
+            let needed = missing > 0.0;
+            missing -= powers[i];
+            needed
+        };
+        let holders = round.iter().take_while(is_needed).count();
+        // One shoots even without any power, if that many shots were asked for.
+        round.truncate(holders.max(1));
+        if let Stop::Iterations(shots) = stop {
+            round.truncate(shots - self.shots);
+        }
+        round.into_iter().map(|i| PatchId(i as u32)).collect()
+    }
+
+    /// These patches shoot, one after the other, until it is time to stop. Whether it is.
+    fn shoot_all(&mut self, shooters: &[PatchId], rows: Vec<Row>, stop: Stop) -> Result<bool> {
+        for (i, row) in shooters.iter().zip(rows) {
+            self.shoot(i.index(), row)?;
+            if self.is_done(stop)? {
+                return Ok(true);
+            }
+        }
+        self.is_done(stop)
+    }
+
+    fn is_done(&self, stop: Stop) -> Result<bool> {
+        let most = super::MOST_ITERATIONS.max(1000 * self.problem.len());
+        stop.reached(self.shots, &self.residual, most)
+    }
+
+    /// Patch i sends all its unshot power along its row.
+    fn shoot(&mut self, i: usize, row: Row) -> Result<()> {
+        let problem = self.problem;
+        let sent = self.unshot(i);
+        self.settled[i] += std::mem::take(&mut self.arrived[i]);
+        // The share of what is sent that will be sent again.
+        let mut kept = Rgb64::ZERO;
+        for &(PatchId(j), factor) in &row.entries {
+            let j = j as usize;
+            self.arrived[j] += sent * factor;
+            kept += problem.reflectance[j] * factor;
+        }
+        self.left += sent * kept - sent;
+        if self.row_sums[i].replace(row.sum()).is_none() {
+            self.on_backs[i] = row.on_backs;
+            for (PatchId(j), factor) in row.entries {
+                self.reception[j as usize] += factor * problem.areas[i];
+            }
+        }
+        self.check_loss(i, sent, kept)?;
+        self.shots += 1;
+        self.keep_residual();
+        Ok(())
+    }
+
+    /// Refuses light of which no shot loses any: all of it is reflected, here and where it arrives.
+    fn check_loss(&mut self, i: usize, sent: Rgb64, kept: Rgb64) -> Result<()> {
+        let reflectance = self.problem.reflectance[i];
+        self.keeps_all &= (0..3).any(|c| sent[c] > 0.0 && reflectance[c] >= 1.0 && kept[c] >= 1.0);
+        // The first n shots come from nearly all patches that have light to send.
+        if self.keeps_all && self.shots >= self.problem.len() {
             return Err(cannot_converge(format!(
-                "patch {shooter} gives back all its light, as all \
-                 patches before it"
+                "patch {i} loses none of its light, nor does any that shot before it"
             )));
         }
-        let first_shot = solution.row_sums[shooter].replace(sum).is_none();
-        let sent = unshot.take(shooter) * problem.areas[shooter];
-        for (PatchId(j), factor) in row.entries {
-            let j = j as usize;
-            // By reciprocity F_ji = F_ij A_i / A_j.
-            let received = sent * (factor / problem.areas[j]);
-            if first_shot {
-                reception[j] += factor * problem.areas[shooter] / problem.areas[j];
-            }
-            let reflected = problem.reflectance[j] * received;
-            solution.irradiance[j] += received;
-            solution.radiosity[j] += reflected;
-            unshot.add(j, reflected);
-        }
-        residual.truncate(1);
-        residual.push(problem.relative(unshot.total));
-        if solution.iterations.is_multiple_of(n.div_ceil(1000)) {
-            solution.residuals.extend(residual.last());
-        }
-        solution.iterations += 1;
-        progress.advance(1);
-        if progress.is_stopped() {
-            return Err(Error::stopped());
+        Ok(())
+    }
+
+    fn keep_residual(&mut self) {
+        let residual = relative(self.left, self.source_power);
+        self.residual.truncate(1);
+        self.residual.push(residual);
+        if (self.shots - 1).is_multiple_of(self.problem.len().div_ceil(1000)) {
+            self.residuals.push(residual);
         }
     }
-    if solution.residuals.last() != residual.last() {
-        solution.residuals.extend(residual.last());
-    }
-    let all_have_shot = solution.row_sums.iter().all(Option::is_some);
-    solution.reception_sums = all_have_shot.then_some(reception);
-    Ok(solution)
-}
 
-/// Keys in a block: about the root of the number of patches in a usual scene.
-const BLOCK: usize = 256;
-
-fn largest(keys: &[f32]) -> f32 {
-    keys.iter().copied().fold(0.0, f32::max)
-}
-
-/// Radiosity that has not been sent yet.
-struct Unshot<'p> {
-    problem: &'p Problem,
-    radiosity: Vec<Rgb64>,
-    /// Σ over the channels of the power, as the key of the choice.
-    keys: Vec<f32>,
-    /// The largest key of each block, so that the choice need not look at all of them.
-    block_keys: Vec<f32>,
-    /// Σ A·unshot per channel, kept by differences.
-    total: Rgb64,
-}
-
-impl<'p> Unshot<'p> {
-    fn new(problem: &'p Problem) -> Self {
-        let radiosity = problem.source.clone();
-        let total = problem.power(radiosity.iter().copied());
-        let key = |(b, area): (&Rgb64, &f64)| (b.element_sum() * area) as f32;
-        let keys: Vec<f32> = radiosity.iter().zip(&problem.areas).map(key).collect();
-        let block_keys = keys.chunks(BLOCK).map(largest).collect();
-        Unshot { problem, radiosity, keys, block_keys, total }
-    }
-
-    /// The patch with the most unshot power; the lowest of equals.
-    fn brightest(&self) -> usize {
-        let most = largest(&self.block_keys);
-        let block = self.block_keys.iter().position(|&key| key == most).unwrap_or(0);
-        let keys = self.keys[block * BLOCK..].iter();
-        block * BLOCK + keys.clone().position(|&key| key == most).unwrap_or(0)
-    }
-
-    fn take(&mut self, i: usize) -> Rgb64 {
-        let taken = std::mem::take(&mut self.radiosity[i]);
-        self.keys[i] = 0.0;
-        let block = i / BLOCK;
-        let end = ((block + 1) * BLOCK).min(self.keys.len());
-        self.block_keys[block] = largest(&self.keys[block * BLOCK..end]);
-        // Differences leave rounding behind; it must not read as negative power.
-        self.total = (self.total - taken * self.problem.areas[i]).max(Rgb64::ZERO);
-        taken
-    }
-
-    fn add(&mut self, i: usize, radiosity: Rgb64) {
-        self.radiosity[i] += radiosity;
-        self.keys[i] = (self.radiosity[i].element_sum() * self.problem.areas[i]) as f32;
-        let block = &mut self.block_keys[i / BLOCK];
-        *block = block.max(self.keys[i]);
-        self.total += radiosity * self.problem.areas[i];
+    fn converged(mut self) -> Converged {
+        if self.residuals.last() != self.residual.last() {
+            self.residuals.extend(self.residual.last());
+        }
+        let Problem { areas, reflectance, source } = self.problem;
+        let n = self.problem.len();
+        // By reciprocity F_ji = F_ij A_i / A_j: what patch j received of i's power, per area. Patches that
+        // others cover have none.
+        let per_area = |j: usize| if areas[j] > 0.0 { 1.0 / areas[j] } else { 0.0 };
+        let irradiance: Vec<Rgb64> =
+            (0..n).map(|j| (self.settled[j] + self.arrived[j]) * per_area(j)).collect();
+        let all_have_shot = self.row_sums.iter().all(Option::is_some);
+        let reception = || (0..n).map(|j| self.reception[j] * per_area(j)).collect();
+        Converged {
+            radiosity: (0..n).map(|j| source[j] + reflectance[j] * irradiance[j]).collect(),
+            irradiance,
+            residuals: self.residuals,
+            iterations: self.shots,
+            reception_sums: all_have_shot.then(reception),
+            row_sums: self.row_sums,
+            on_backs: self.on_backs,
+        }
     }
 }

@@ -8,6 +8,7 @@ use crate::patches::{PatchId, Subdivision};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::{Material, MaterialId, Scene};
 use glam::Vec3;
+use std::sync::Mutex;
 
 const METHODS: [MatrixMethod; 2] = [MatrixMethod::Jacobi, MatrixMethod::GaussSeidel];
 
@@ -465,13 +466,73 @@ fn white_walls_converge_in_a_closed_room_where_one_patch_absorbs() {
     let estimator = Estimator::new(&bvh, &mesh, 64, PointSet::Sobol, 0, &quiet);
     let rows = estimator.hemisphere_rows();
     let f = dense(&rows);
-    let mut reflectance = vec![Rgb64::ONE; mesh.len()];
-    reflectance[0] = Rgb64::splat(0.5);
-    let problem = Problem { reflectance, ..Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]) };
-    for method in METHODS {
-        problem.solve(&rows, method, to(1e-6), &quiet).unwrap();
+    // What is black has no light to send, but all that see it lose some.
+    for (absorbing, own) in [(0.5, 1.0), (0.0, 0.0)] {
+        let mut problem = Problem::new(&mesh, vec![Rgb64::ONE; mesh.len()]);
+        problem.reflectance = vec![Rgb64::ONE; mesh.len()];
+        problem.reflectance[0] = Rgb64::splat(absorbing);
+        problem.source[0] = Rgb64::splat(own);
+        for method in METHODS {
+            problem.solve(&rows, method, to(1e-6), &quiet).unwrap();
+        }
+        problem.shoot(&f, to(1e-6), &quiet).unwrap();
     }
-    problem.shoot(&f, to(1e-6), &quiet).unwrap();
+}
+
+/// Rows that remember which of them were asked for, round by round.
+struct Remembered<'f>(&'f Dense, Mutex<Vec<Vec<usize>>>);
+
+impl Rows for Remembered<'_> {
+    fn row(&self, i: PatchId) -> Row {
+        self.0.row(i)
+    }
+
+    fn rows_of(&self, patches: &[PatchId]) -> Vec<Row> {
+        self.1.lock().unwrap().push(patches.iter().map(|i| i.index()).collect());
+        patches.iter().map(|&i| self.row(i)).collect()
+    }
+}
+
+#[test]
+fn the_first_round_takes_the_brightest_that_hold_three_quarters_of_the_power() {
+    for_each_problem(|problem, form_factors, _, name| {
+        let f = dense(form_factors);
+        let power = |i: usize| problem.source[i].element_sum() * problem.areas[i];
+        let mut by_power: Vec<usize> = (0..problem.len()).collect();
+        by_power.sort_by(|&i, &j| power(j).total_cmp(&power(i)));
+        let all: f64 = by_power.iter().map(|&i| power(i)).sum();
+        let held = |count: usize| by_power[..count].iter().map(|&i| power(i)).sum::<f64>();
+        let holders = (0..).find(|&count| held(count) >= 0.75 * all).unwrap();
+        assert!(holders > 2, "{name}: {holders}");
+        for (shots, expected) in [(holders, holders), (10 * problem.len(), holders), (2, 2)] {
+            let rows = Remembered(&f, Mutex::default());
+            let found = problem.shoot(&rows, exactly(shots), &quiet()).unwrap();
+            let asked = rows.1.into_inner().unwrap();
+            assert_eq!(asked[0], by_power[..expected], "{name}, {shots} shots");
+            // No row is traced that does not shoot.
+            assert_eq!(asked.concat().len(), shots, "{name}");
+            assert_eq!(found.iterations, shots, "{name}");
+        }
+    });
+}
+
+#[test]
+fn a_patch_shoots_what_the_shots_before_it_in_its_round_sent() {
+    // Both lamps shoot in round one; the second one sends on what the first one sent it.
+    let f: Dense = vec![vec![0.0, 0.5, 0.25], vec![0.25, 0.0, 0.5], vec![0.25, 0.5, 0.0]];
+    let problem = Problem {
+        areas: vec![1.0; 3],
+        reflectance: vec![Rgb64::splat(0.5); 3],
+        source: vec![Rgb64::splat(8.0), Rgb64::splat(4.0), Rgb64::ZERO],
+    };
+    let rows = Remembered(&f, Mutex::default());
+    let found = problem.shoot(&rows, exactly(2), &quiet()).unwrap();
+    assert_eq!(rows.1.into_inner().unwrap()[0], [0, 1]);
+    // Patch 0 sends 4 to 1 and 2 to 2. Patch 1 sends 4 + 4/2 = 6: 1.5 to 0 and 3 to 2.
+    assert_eq!(found.irradiance, [1.5, 4.0, 5.0].map(Rgb64::splat));
+    assert_eq!(found.radiosity, [8.75, 6.0, 2.5].map(Rgb64::splat));
+    // Unshot are 0.75 and 2.5 of 12.
+    assert_eq!(found.residuals.last(), Some(&(3.25 / 12.0)));
 }
 
 #[test]

@@ -150,6 +150,7 @@ fn threads_do_not_change_a_byte() {
         &["--form-factors", "pairs"][..],
         &["--form-factors", "hemisphere", "--solver", "jacobi"],
         &["--form-factors", "pairs", "--solver", "southwell", "--tolerance", "1e-2"],
+        &["--form-factors", "hemisphere", "--solver", "southwell"],
     ] {
         let picture = |threads: &str| {
             room.render("room.toml", more).args(["--threads", threads]).assert().success();
