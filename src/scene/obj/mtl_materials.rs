@@ -163,16 +163,14 @@ impl Judge<'_> {
         }
     }
 
-    /// `d`, or else 1 − `Tr`, or else 1. Some exporters (MeshLab) write `Tr 1` for what is opaque.
+    /// `d`, or else 1 − `Tr`, or else 1. Some exporters write `Tr 1` (MeshLab) or `d 0` (Blender 2.7) for what is
+    /// opaque, and nobody means a material that cannot be seen.
     fn opacity(&mut self) -> (f32, Option<Map>) {
-        let is_solid = self.entry.d.is_none() && self.entry.tr == Some(1.0);
-        if is_solid {
-            self.notes.add(Kind::SolidTr, self.file, self.entry.line, &self.entry.name);
-        }
-        let tr = self.entry.tr.filter(|_| !is_solid);
-        let opacity = self.entry.d.or(tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
-        let opacity = opacity.clamp(0.0, 1.0);
-        if opacity < 1.0 {
+        let given = self.entry.d.or(self.entry.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
+        let opacity = if given <= 0.0 { 1.0 } else { given.min(1.0) };
+        if given <= 0.0 {
+            self.notes.add(Kind::Unseen, self.file, self.entry.line, &self.entry.name);
+        } else if opacity < 1.0 {
             self.notes.add(Kind::Clear, self.file, self.entry.line, &self.entry.name);
         }
         let map = self.entry.map_d.as_ref().filter(|_| self.role.used);
@@ -278,11 +276,13 @@ mod tests {
     }
 
     #[test]
-    fn tr_1_alone_is_solid() {
-        let (material, warnings) = judge("Kd 1\nTr 1", USED);
-        assert_eq!(material.opacity, 1.0);
-        assert!(warnings[0].starts_with("a.mtl:1: Tr 1 without d"), "{warnings:?}");
-        assert_eq!(judge("Kd 1\nTr 1\nd 0", USED).0.opacity, 0.0);
+    fn what_nobody_could_see_is_solid() {
+        for text in ["Tr 1", "d 0.0\nillum 7", "Tr 1\nd 0", "d -1", "Tr 2"] {
+            let (material, warnings) = judge(&format!("Kd 1\n{text}"), USED);
+            assert_eq!(material.opacity, 1.0, "{text}");
+            let [warning] = &warnings[..] else { panic!("{text}: {warnings:?}") };
+            assert!(warning.starts_with("a.mtl:1: opacity 0 (d 0, Tr 1) is taken as solid"));
+        }
     }
 
     #[test]

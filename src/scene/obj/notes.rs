@@ -15,7 +15,7 @@ pub(super) enum Kind {
     BadKe,
     Metal,
     Clear,
-    SolidTr,
+    Unseen,
     MissingPicture,
     BadPicture,
     OutsidePicture,
@@ -31,8 +31,8 @@ impl Kind {
             Kind::BadKe => "Ke is malformed, negative or enormous: taken as 0, or as 1e12",
             Kind::Metal => "mirrors and metals (Kd 0 with Ks) reflect Ks diffusely",
             Kind::Clear => "light goes straight through the share 1 - d (d, Tr), without bending",
-            Kind::SolidTr => {
-                "Tr 1 without d is taken as solid: by the format nothing of it would be seen"
+            Kind::Unseen => {
+                "opacity 0 (d 0, Tr 1) is taken as solid: by the format nothing of it would be seen"
             }
             Kind::MissingPicture => "no such picture: Kd is used alone, or 0.5 where it is 0",
             Kind::BadPicture => "cannot read the picture: Kd is used alone, or 0.5 where it is 0",
