@@ -146,11 +146,19 @@ impl Seen {
         let is_front = scene.triangles[triangle.index()].normal().dot(direction) < 0.0;
         let side = sides[triangle.index()];
         let reflects = if is_front { side.front } else { side.back };
-        if reflects && scene.radiance_on(triangle, !is_front) == Vec3::ZERO {
+        if reflects && !is_lamp(scene, triangle, !is_front) {
             self.lit += 1;
             self.fronts += is_front as usize;
         }
     }
+}
+
+/// Whether a side is a source of light and nothing else to look at. Under a sky what glows is seen like anything
+/// else, and a picture of light is that of a surface with a few lights on it.
+fn is_lamp(scene: &Scene, triangle: TriangleId, is_back: bool) -> bool {
+    let material = &scene.materials[scene.material_on(triangle, is_back).0 as usize];
+    let is_plain = scene.sky == Vec3::ZERO && material.radiance_map.is_none();
+    is_plain && scene.radiance_on(triangle, is_back) != Vec3::ZERO
 }
 
 #[cfg(test)]
@@ -175,6 +183,16 @@ mod tests {
         let axis = |t| fit(&scene(vec![t])).ray(0.5, 0.5, 1.0).direction;
         assert!(axis(Triangle::new(a, b, c)).z < 0.0);
         assert!(axis(Triangle::new(a, c, b)).z > 0.0);
+    }
+
+    #[test]
+    fn an_object_that_glows_under_a_sky_is_seen_from_outside() {
+        let cube = shapes::cube(Vec3::ZERO, 1.0);
+        let glow = Material { radiance: Vec3::splat(0.5), two_sided: true, ..Material::fallback() };
+        let mut scene = Scene::new(cube.clone(), vec![MaterialId(0); cube.len()], vec![glow]);
+        scene.sky = Vec3::ONE;
+        let (eye, bounds) = (fit(&scene).ray(0.5, 0.5, 1.0).origin, scene.bounds());
+        assert!(!(eye.cmpge(bounds.min) & eye.cmple(bounds.max)).all(), "{eye}");
     }
 
     #[test]
