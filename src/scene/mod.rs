@@ -352,9 +352,41 @@ fn nothing_emits(scene: &Scene) -> Warning {
     Warning::new(format!("{why}, so a sky of radiance 1 lights it (another: --sky){example}"))
 }
 
+/// Whether a word of the name is one for lamps: `ceiling_lamp2` and `LampGlass` have one, `Clamp` has none.
 fn looks_like_lamp(material: &Material) -> bool {
-    let name = material.name.to_lowercase();
-    ["light", "lamp", "emit", "emissive", "bulb"].iter().any(|word| name.contains(word))
+    const LAMPS: [&str; 12] = [
+        "light",
+        "lights",
+        "lighting",
+        "lightbulb",
+        "lamp",
+        "lamps",
+        "bulb",
+        "bulbs",
+        "emit",
+        "emitter",
+        "emission",
+        "emissive",
+    ];
+    words_of_name(&material.name).iter().any(|word| LAMPS.contains(&word.as_str()))
+}
+
+/// The words of a name in lower case. Whatever is no letter separates them, and so does a capital beside a small
+/// letter: `LEDLight` has two words.
+fn words_of_name(name: &str) -> Vec<String> {
+    let letters: Vec<char> = name.chars().collect();
+    let is_small = |i: usize| letters.get(i).is_some_and(|letter| letter.is_lowercase());
+    let mut words = vec![String::new()];
+    for (i, letter) in letters.iter().enumerate() {
+        let begins = letter.is_uppercase() && (is_small(i.wrapping_sub(1)) || is_small(i + 1));
+        if begins || !letter.is_alphabetic() {
+            words.push(String::new());
+        }
+        if letter.is_alphabetic() {
+            words.last_mut().expect("never empty").extend(letter.to_lowercase());
+        }
+    }
+    words
 }
 
 /// A topology that need not be found again.
@@ -396,6 +428,20 @@ mod tests {
             Scene::new(vec![line, good, line], vec![MaterialId(0); 3], vec![Material::fallback()]);
         assert_eq!(*scene.triangles, [good]);
         assert_eq!(scene.degenerate, 2);
+    }
+
+    #[test]
+    fn a_lamp_is_known_by_a_word_of_its_name() {
+        let is_lamp =
+            |name: &str| looks_like_lamp(&Material { name: name.into(), ..Material::fallback() });
+        for name in
+            ["light", "Lamp.001", "ceilingLamp", "LED_LIGHT2", "LEDLight", "3bulbs", "mat:Emissive"]
+        {
+            assert!(is_lamp(name), "{name}");
+        }
+        for name in ["Clamp", "tableClamps", "delight", "slightly_rough", "remit", ""] {
+            assert!(!is_lamp(name), "{name}");
+        }
     }
 
     #[test]
