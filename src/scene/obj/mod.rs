@@ -311,17 +311,21 @@ mod tests {
 
     #[test]
     fn several_libraries_and_names_with_blanks_are_found() {
-        let obj =
-            format!("mtllib b.mtl c.mtl\nmtllib my lib.mtl\nmtllib .\\d.mtl b.mtl\n{TRIANGLE}");
+        let obj = format!(
+            "mtllib b.mtl c.mtl\nmtllib my lib.mtl\nmtllib .\\d.mtl b.mtl\n\
+                     mtllib an\\ e.mtl b.mtl\nmtllib its\\ f.mtl\n{TRIANGLE}"
+        );
         let (model, warnings) = load_files(&[
             ("a.obj", obj.as_bytes()),
             ("b.mtl", b"newmtl b"),
             ("c.mtl", b"newmtl c"),
             ("d.mtl", b"newmtl d"),
             ("my lib.mtl", b"newmtl my material"),
+            ("an e.mtl", b"newmtl e"),
+            ("its f.mtl", b"newmtl f"),
         ])
         .unwrap();
-        assert_eq!(names(&model), ["b", "c", "my material", "d", "default"]);
+        assert_eq!(names(&model), ["b", "c", "my material", "d", "e", "f", "default"]);
         assert_eq!(warnings.len(), 1, "b.mtl is not read twice: {warnings:?}");
     }
 

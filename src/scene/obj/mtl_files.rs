@@ -53,13 +53,17 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
 }
 
 /// The files that `names` means. OBJ separates file names by blanks, yet many exporters write one
-/// name that has blanks in it: if there is such a file, it is the one meant.
+/// name that has blanks in it: if there is such a file, it is the one meant. A blank after a backslash is part of
+/// a name too.
 fn files_of(folder: &Path, names: &str) -> Vec<PathBuf> {
     let whole = locate(folder, names);
     if whole.is_file() {
         return vec![whole];
     }
-    let parts: Vec<PathBuf> = words(names).map(|name| locate(folder, name)).collect();
+    // No name holds a control character, so that one can stand for such a blank.
+    let joined = names.replace("\\ ", "\0");
+    let named = words(&joined).map(|name| locate(folder, &name.replace('\0', " ")));
+    let parts: Vec<PathBuf> = named.collect();
     if parts.iter().any(|part| part.is_file()) { parts } else { vec![whole] }
 }
 
