@@ -10,12 +10,45 @@ const CLEARLY: f64 = 1.3;
 /// Less of the whole area than this says nothing: animals and people have no floors.
 const SHARE: f64 = 0.3;
 
-/// y, unless more area lies flat, and more of it at the bottom, if z is up. Floors, roofs, table tops and
-/// feet lie flat; walls do not.
+/// A base covers at least this share of the side that the model stands on, of the box around it.
+const BASE: f64 = 0.1;
+
+/// y, unless more area lies flat, and more of it at the bottom, if z is up, and the model does not stand with y
+/// up. Floors, roofs, table tops and feet lie flat; walls do not, but thin ones have large faces too.
 pub(super) fn guess(triangles: &[Triangle]) -> Vec3 {
     let flat = flat_area(triangles);
     let all: f64 = triangles.iter().map(Triangle::area).sum();
-    if flat.z > CLEARLY * flat.y && flat.z > SHARE * all { Vec3::Z } else { Vec3::Y }
+    let lies = flat.z > CLEARLY * flat.y && flat.z > SHARE * all;
+    if lies && !stands_on_y(triangles) { Vec3::Z } else { Vec3::Y }
+}
+
+/// Whether the model was put onto the plane y = 0 and not onto z = 0. Where that does not tell: whether it has a
+/// base below y, and none below z that is clearly larger.
+fn stands_on_y(triangles: &[Triangle]) -> bool {
+    let bounds: Bounds = triangles.iter().flat_map(|t| t.p).collect();
+    let size = bounds.diagonal();
+    let on_zero = |axis: usize| bounds.min[axis].abs() <= 0.02 * size[axis];
+    match (on_zero(1), on_zero(2)) {
+        (true, false) => true,
+        (false, true) => false,
+        _ => {
+            let [y, z] = [1, 2].map(|axis| base(triangles, &bounds, axis));
+            y > BASE && CLEARLY * y > z
+        }
+    }
+}
+
+/// The area that lies across an axis at its lower end, as a share of the box's face there.
+fn base(triangles: &[Triangle], bounds: &Bounds, axis: usize) -> f64 {
+    let size = bounds.diagonal();
+    let bottom = bounds.min[axis] + 0.02 * size[axis];
+    let lies_low = |triangle: &&Triangle| {
+        let normal = triangle.double_area_normal();
+        normal[axis].abs() >= 0.966 * normal.length() && triangle.centroid()[axis] <= bottom
+    };
+    let area: f64 = triangles.iter().filter(lies_low).map(Triangle::area).sum();
+    let face = f64::from(size[(axis + 1) % 3]) * f64::from(size[(axis + 2) % 3]);
+    if face > 0.0 { area / face } else { 0.0 }
 }
 
 pub(super) fn said(up: Vec3) -> Warning {
@@ -44,7 +77,7 @@ fn flat_area(triangles: &[Triangle]) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::shapes::square;
+    use crate::geometry::shapes::{self, square};
 
     /// A table: a top with four feet, of which only the top and the soles lie flat.
     fn table(place: impl Fn(Vec3) -> Vec3) -> Vec<Triangle> {
@@ -53,6 +86,27 @@ mod tests {
         let side = square(Vec3::ZERO, Vec3::Z * 0.1, Vec3::Y);
         let all = [top, leg, side].concat();
         all.into_iter().map(|t| Triangle { p: t.p.map(&place) }).collect()
+    }
+
+    /// A box with these corners.
+    fn block(min: [f32; 3], max: [f32; 3]) -> Vec<Triangle> {
+        let (min, max) = (Vec3::from(min), Vec3::from(max));
+        let unit = shapes::cube(Vec3::ZERO, 1.0);
+        unit.into_iter().map(|t| Triangle { p: t.p.map(|p| min + p * (max - min)) }).collect()
+    }
+
+    #[test]
+    fn a_thin_wall_stands_on_the_plane_that_its_file_calls_zero() {
+        assert_eq!(guess(&block([-2.0, 0.0, -0.5], [2.0, 4.0, 0.5])), Vec3::Y);
+        assert_eq!(guess(&block([-0.38, 0.0, -0.07], [0.33, 0.55, 0.07])), Vec3::Y);
+        assert_eq!(guess(&block([-50.0, -25.0, 0.0], [50.0, 25.0, 30.0])), Vec3::Z);
+    }
+
+    #[test]
+    fn a_court_within_high_walls_stands_on_its_ground() {
+        let ground = block([-18.0, -0.2, -16.0], [18.0, 0.0, 16.0]);
+        let walls = [-16.0, -8.0, 8.0, 15.0].map(|z| block([-18.0, 0.0, z], [18.0, 12.0, z + 1.0]));
+        assert_eq!(guess(&[ground, walls.concat()].concat()), Vec3::Y);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Each line is looked at once, so that what is malformed is reported with its line. The colours of
 //! materials are read by `tobj`. Then polygons are cut into triangles and materials are judged.
 
+mod exporter;
 mod ignored;
 mod mtl_files;
 mod mtl_map;
@@ -37,7 +38,10 @@ use std::path::Path;
 /// A scene description overrides the reflectance of the materials whose name `overrides`: nothing is said
 /// of their Kd, and their textures are not read.
 pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
-    let mut obj = read_obj(path, &text_of(path)?)?;
+    let text = text_of(path)?;
+    let (mut obj, up) = (read_obj(path, &text)?, exporter::up(&text));
+    // Large models come near to filling the memory.
+    drop(text);
     let mut library = read_library(path, &mut obj);
     let mut warnings = std::mem::take(&mut obj.warnings);
 
@@ -59,7 +63,7 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
         undefined.for_each(|(_, material)| material.reflectance = Rgb::ONE);
     }
     let model = cut(obj, &of_runs);
-    Ok(Model { materials, textures, files: library.files, warnings, ..model })
+    Ok(Model { materials, textures, files: library.files, warnings, up, ..model })
 }
 
 fn text_of(path: &Path) -> Result<String> {
