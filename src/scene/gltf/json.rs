@@ -139,6 +139,14 @@ pub(super) struct SpecularGlossiness {
     pub diffuse_texture: Option<TextureInfo>,
 }
 
+/// Of `KHR_materials_transmission`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Transmission {
+    pub transmission_factor: f64,
+    pub transmission_texture: Option<TextureInfo>,
+}
+
 #[derive(Debug, Default, Clone, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct TextureInfo {

@@ -2,7 +2,7 @@
 
 use super::accessor::Data;
 use super::images;
-use super::json::{self, Extensions, Root, SpecularGlossiness, TextureInfo, TextureTransform};
+use super::json::{self, Root, SpecularGlossiness, TextureInfo, TextureTransform, Transmission};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::scene::beside::Files;
@@ -27,7 +27,7 @@ pub(super) struct Materials {
 const LEFT_ASIDE: [(&str, &str); 10] = [
     ("KHR_materials_unlit", "unlit"),
     ("KHR_materials_pbrSpecularGlossiness", "specular and glossy"),
-    ("KHR_materials_transmission", "transmissive"),
+    ("KHR_materials_transmission", "transmissive (at least 0.2 opaque)"),
     ("KHR_materials_diffuse_transmission", "translucent"),
     ("KHR_materials_clearcoat", "clear-coated"),
     ("KHR_materials_sheen", "with sheen"),
@@ -36,6 +36,9 @@ const LEFT_ASIDE: [(&str, &str); 10] = [
     ("KHR_materials_volume", "with volume"),
     ("KHR_materials_subsurface", "with subsurface scattering"),
 ];
+
+/// The least opacity of what transmits light: clear glass would not be seen, as nothing is mirrored.
+const GLASS: f32 = 0.2;
 
 /// Reads the materials; only those that are `used` need their textures.
 pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -> Materials {
@@ -61,7 +64,9 @@ fn wanted_images(root: &Root, used: &[bool]) -> Vec<usize> {
     for (material, _) in root.materials.iter().zip(used).filter(|(_, used)| **used) {
         let Maps { base, emissive, set } = Maps::of(material);
         let shown = [base.as_ref(), emissive].into_iter().flatten();
-        for info in shown.filter(|info| texture_set(info) == set) {
+        let shown = shown.filter(|info| texture_set(info) == set);
+        let transmission = transmission(material).and_then(|t| t.transmission_texture);
+        for info in shown.chain(transmission.as_ref()) {
             if let Ok(image) = image_of(root, info)
                 && known.insert(image)
             {
@@ -94,6 +99,10 @@ impl<'a> Maps<'a> {
 
 fn glossy(json: &json::Material) -> Option<SpecularGlossiness> {
     json::extension(&json.extensions, "KHR_materials_pbrSpecularGlossiness")
+}
+
+fn transmission(json: &json::Material) -> Option<Transmission> {
+    json::extension(&json.extensions, "KHR_materials_transmission")
 }
 
 /// The image of a texture.
@@ -130,6 +139,8 @@ impl Reader<'_> {
             json::number(&json.extensions, "KHR_materials_emissive_strength", "emissiveStrength");
         let emitted = json.emissive_factor.unwrap_or_default().map(|x| x * strength.unwrap_or(1.0));
         let (share, cutoff) = opacity(json, alpha);
+        // What is cut out by a mask is there or not.
+        let through = if used && cutoff.is_none() { self.transmitted(json) } else { 0.0 };
         self.out.texture_sets.push(set);
         self.out.materials.push(Material {
             name: json.name.clone().unwrap_or_else(|| format!("material {number}")),
@@ -139,10 +150,29 @@ impl Reader<'_> {
             emits_on_back: json.double_sided,
             reflectance_map,
             radiance_map: radiance_map.filter(|_| emitted != [0.0; 3]),
-            opacity: share * (1.0 - transmission(&json.extensions)),
+            opacity: share * (1.0 - through).max(GLASS),
             opacity_map: reflectance_map.filter(|_| is_cut_out(json)),
             opacity_cutoff: cutoff,
         });
+    }
+
+    /// The share of light that goes straight through what is solid of a material, by the mean of its texture.
+    fn transmitted(&mut self, json: &json::Material) -> f32 {
+        let Some(Transmission { transmission_factor, transmission_texture }) = transmission(json)
+        else {
+            return 0.0;
+        };
+        let mean = match &transmission_texture {
+            Some(info) => self.picture(info).map_or(0.0, |picture| mean_red(&picture)),
+            None => 1.0,
+        };
+        (transmission_factor as f32 * mean).clamp(0.0, 1.0)
+    }
+
+    /// The picture of a texture.
+    fn picture(&mut self, info: &TextureInfo) -> Option<Texture> {
+        let image = self.image(info)?;
+        self.decoded(image)
     }
 
     /// The map of a texture that uses the texture coordinates with number `set`.
@@ -151,10 +181,8 @@ impl Reader<'_> {
             self.other_sets += 1;
             return None;
         }
+        let image = self.image(info)?;
         let root = self.data.root;
-        let image = image_of(root, info)
-            .map_err(|error| self.warn_of(&format!("texture {}", info.index), &error))
-            .ok()?;
         let json = &root.textures[info.index];
         let sampler = json.sampler.and_then(|sampler| root.samplers.get(sampler));
         let wrap = sampler.map_or([None; 2], |s| [s.wrap_s, s.wrap_t]).map(wrap);
@@ -166,23 +194,36 @@ impl Reader<'_> {
         if let Some(id) = self.known.get(&(image, wrap)) {
             return Some(*id);
         }
-        let Ok(texture) = self.images.get(&image)? else {
-            if let Some(Err(error)) = self.images.remove(&image) {
-                self.warn_of(&format!("image {image}"), &error);
-            }
-            return None;
-        };
-        let texture = texture.clone();
+        let texture = self.decoded(image)?;
         let id = TextureId(self.out.textures.len() as u32);
         self.out.textures.push(texture.wrapped(wrap));
         self.known.insert((image, wrap), id);
         Some(id)
     }
 
+    /// The number of a texture's image.
+    fn image(&mut self, info: &TextureInfo) -> Option<usize> {
+        let image = image_of(self.data.root, info);
+        image.map_err(|error| self.warn_of(&format!("texture {}", info.index), &error)).ok()
+    }
+
+    fn decoded(&mut self, image: usize) -> Option<Texture> {
+        if let Ok(texture) = self.images.get(&image)? {
+            return Some(texture.clone());
+        }
+        if let Some(Err(error)) = self.images.remove(&image) {
+            self.warn_of(&format!("image {image}"), &error);
+        }
+        None
+    }
+
     fn warn_of(&mut self, what: &str, error: &Error) {
         let error = error.to_string();
         let cause = error.lines().next().unwrap_or_default();
-        let text = format!("{what} cannot be used: {cause}; the material's factor alone counts");
+        let text = format!(
+            "{what} cannot be used: {cause}; the factor alone counts, and nothing is emitted or let \
+             through"
+        );
         self.out.warnings.push(Warning::in_file(self.path, None, text));
     }
 
@@ -231,10 +272,10 @@ fn opacity(json: &json::Material, alpha: f32) -> (f32, Option<f32>) {
     }
 }
 
-/// The share of light that goes straight through.
-fn transmission(extensions: &Extensions) -> f32 {
-    let factor = json::number(extensions, "KHR_materials_transmission", "transmissionFactor");
-    factor.unwrap_or(0.0).clamp(0.0, 1.0) as f32
+/// The mean of the red channel, which holds shares and not an sRGB colour.
+fn mean_red(texture: &Texture) -> f32 {
+    let sum: u64 = texture.pixels.iter().map(|pixel| u64::from(pixel[0])).sum();
+    (sum as f64 / (255.0 * texture.pixels.len() as f64)) as f32
 }
 
 fn wrap(code: Option<u64>) -> Wrap {

@@ -106,14 +106,18 @@ fn a_textured_triangle_has_its_material_and_pictures() {
     assert_eq!((material.name.as_str(), material.two_sided), ("lamp", true));
     assert_eq!(material.reflectance, Rgb::new(0.5, 0.25, 1.0));
     assert_eq!(material.radiance, Rgb::new(4.0, 0.0, 2.0));
-    assert_eq!((material.opacity, material.opacity_cutoff), (0.375, Some(0.25)));
+    // What is cut out by a mask is there or not.
+    assert_eq!((material.opacity, material.opacity_cutoff), (0.75, Some(0.25)));
     assert_eq!(material.opacity_map, material.reflectance_map);
     let texture = &model.textures[0];
     assert_eq!((texture.name.as_str(), texture.width, texture.height), ("two", 2, 1));
     assert_eq!(*texture.pixels, [[255, 0, 0, 255], [0, 255, 0, 128]]);
     assert_eq!(texture.wrap, [Wrap::Clamp, Wrap::Mirror]);
     assert_eq!(model.textures.len(), 1);
-    assert_eq!(warnings, ["a.gltf: materials are taken as diffuse: 1 transmissive"]);
+    assert_eq!(
+        warnings,
+        ["a.gltf: materials are taken as diffuse: 1 transmissive (at least 0.2 opaque)"]
+    );
 }
 
 #[test]
@@ -325,6 +329,24 @@ fn pictures_that_cannot_be_read_leave_the_factor() {
     assert_eq!(warnings.len(), 2, "one warning per picture: {warnings:?}");
     json["images"][0]["uri"] = json!("data:image/png;base64,AAAA");
     assert!(load_json(&json).unwrap().1[0].contains("image 0 cannot be used"));
+}
+
+#[test]
+fn what_transmits_light_is_still_seen() {
+    let mut json = textured();
+    let mut opacity = |transmission: Value| {
+        json["materials"][0]["alphaMode"] = json!("OPAQUE");
+        json["materials"][0]["extensions"] = json!({"KHR_materials_transmission": transmission});
+        load_json(&json).unwrap().0.materials[0].opacity
+    };
+    assert_eq!(opacity(json!({"transmissionFactor": 0.5})), 0.5);
+    assert_eq!(opacity(json!({"transmissionFactor": 1})), 0.2);
+    assert_eq!(opacity(json!({})), 1.0);
+    // The picture's red is 255 and 0.
+    let textured = json!({"transmissionFactor": 0.5, "transmissionTexture": {"index": 0}});
+    assert_eq!(opacity(textured), 0.75);
+    let unreadable = json!({"transmissionFactor": 1, "transmissionTexture": {"index": 9}});
+    assert_eq!(opacity(unreadable), 1.0);
 }
 
 #[test]
