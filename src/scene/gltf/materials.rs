@@ -138,6 +138,9 @@ impl Reader<'_> {
         let strength =
             json::number(&json.extensions, "KHR_materials_emissive_strength", "emissiveStrength");
         let emitted = json.emissive_factor.unwrap_or_default().map(|x| x * strength.unwrap_or(1.0));
+        // Lights on a dark surface, which would all be a lamp without the picture.
+        let is_unlit = emissive.is_some() && radiance_map.is_none();
+        let emitted = if is_unlit { [0.0; 3] } else { emitted };
         let (share, cutoff) = opacity(json, alpha);
         // What is cut out by a mask is there or not.
         let through = if used && cutoff.is_none() { self.transmitted(json) } else { 0.0 };

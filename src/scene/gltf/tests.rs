@@ -325,6 +325,7 @@ fn pictures_that_cannot_be_read_leave_the_factor() {
     let (model, warnings) = load_json(&json).unwrap();
     assert_eq!(model.materials[0].reflectance_map, None);
     assert_eq!(model.materials[0].reflectance, Rgb::new(0.5, 0.25, 1.0));
+    assert_eq!(model.materials[0].radiance, Rgb::ZERO, "the lights are not all of it");
     assert!(warnings[0].contains("image 0 cannot be used: cannot read `none.png`"), "{warnings:?}");
     assert_eq!(warnings.len(), 2, "one warning per picture: {warnings:?}");
     json["images"][0]["uri"] = json!("data:image/png;base64,AAAA");
