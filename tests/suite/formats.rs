@@ -8,7 +8,7 @@ use base64::prelude::BASE64_STANDARD;
 use glam::{Vec2, Vec3};
 use isolux::color::srgb_decode;
 use isolux::geometry::Triangle;
-use isolux::geometry::shapes::{cube, square};
+use isolux::geometry::shapes::{cube, inside_out, square};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::fs;
@@ -244,4 +244,54 @@ fn one_room_in_every_format_gives_one_picture_byte_for_byte() {
         ])
     });
     assert!(grey != colored && grey != textured && colored != textured);
+}
+
+/// A closed room of a material, with a lamp in it that reflects as the walls do.
+fn closed_room(wall: &Value) -> String {
+    let walls = inside_out(cube(Vec3::ZERO, 2.0));
+    let lamp = square(Vec3::new(0.75, 1.75, 0.75), Vec3::X * 0.5, Vec3::Z * 0.5);
+    let corners = walls.iter().chain(&lamp).flat_map(|triangle| triangle.p);
+    let bytes: Vec<u8> = corners.flat_map(|p| p.to_array()).flat_map(f32::to_le_bytes).collect();
+    let data = BASE64_STANDARD.encode(&bytes);
+    let accessor = |first: usize, count: usize| json!({"bufferView": 0, "byteOffset": 12 * first, "componentType": 5126, "count": count, "type": "VEC3"});
+    let mut shining = wall.clone();
+    shining["emissiveFactor"] = json!([1, 1, 1]);
+    shining["doubleSided"] = json!(true);
+    shining["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": 10}});
+    let json = json!({
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0}, "material": 0},
+            {"attributes": {"POSITION": 1}, "material": 1},
+        ]}],
+        "materials": [wall, shining],
+        "accessors": [accessor(0, 36), accessor(36, 6)],
+        "bufferViews": [{"buffer": 0, "byteLength": bytes.len()}],
+        "buffers": [{
+            "byteLength": bytes.len(),
+            "uri": format!("data:application/octet-stream;base64,{data}"),
+        }],
+    });
+    json.to_string()
+}
+
+#[test]
+fn a_closed_room_without_colours_is_drawn() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let draw = |wall: Value| {
+        fs::write(folder.path().join("room.gltf"), closed_room(&wall)).expect("a file");
+        let mut command = Command::cargo_bin("isolux").expect("the program is built");
+        command.current_dir(folder.path()).args(["render", "room.gltf", "-o", "room.png"]);
+        command.args(["--levels", "2", "--samples", "64", "--size", "16x16", "--spp", "1"]);
+        let output = command.output().expect("the program runs");
+        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (drawn, said) = draw(json!({}));
+    assert!(drawn && said.contains("are white and reflect 0.9 (2 in all)"), "{said}");
+    // No light is lost at walls that reflect all of it.
+    let white = json!({"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 1]}});
+    let (drawn, said) = draw(white);
+    assert!(!drawn && said.contains("does not converge"), "{said}");
 }

@@ -37,6 +37,8 @@ const LEFT_ASIDE: [(&str, &str); 10] = [
     ("KHR_materials_subsurface", "with subsurface scattering"),
 ];
 
+/// The reflectance of white whose file gives no colour: paint. With 1, no light would be lost in a closed room.
+const WHITE: f32 = 0.9;
 /// The least opacity of what transmits light: clear glass would not be seen, as nothing is mirrored.
 const GLASS: f32 = 0.2;
 
@@ -49,7 +51,9 @@ pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -
         out: Materials::default(),
         images,
         known: HashMap::new(),
+        colored: colored(data.root),
         other_sets: 0,
+        white: 0,
     };
     for (number, material) in data.root.materials.iter().enumerate() {
         reader.material(number, material, used[number]);
@@ -75,6 +79,18 @@ fn wanted_images(root: &Root, used: &[bool]) -> Vec<usize> {
         }
     }
     wanted
+}
+
+/// Per material, whether vertices with colours of their own have it.
+fn colored(root: &Root) -> Vec<bool> {
+    let mut colored = vec![false; root.materials.len()];
+    for primitive in root.meshes.iter().flat_map(|mesh| &mesh.primitives) {
+        let material = primitive.material.and_then(|material| colored.get_mut(material));
+        if let Some(material) = material {
+            *material |= primitive.attributes.contains_key("COLOR_0");
+        }
+    }
+    colored
 }
 
 /// The textures of a material that a diffuse one shows.
@@ -120,8 +136,12 @@ struct Reader<'a> {
     /// Those that the used materials show, by number. What cannot be read is taken out when it has been said.
     images: HashMap<usize, Result<Texture>>,
     known: HashMap<(usize, [Wrap; 2]), TextureId>,
+    /// Per material.
+    colored: Vec<bool>,
     /// How many maps use other texture coordinates than their materials' first.
     other_sets: usize,
+    /// How many used materials are white because nothing gives them a colour.
+    white: usize,
 }
 
 impl Reader<'_> {
@@ -135,6 +155,9 @@ impl Reader<'_> {
         let mut map =
             |info: Option<&TextureInfo>| info.filter(|_| used).and_then(|info| self.map(info, set));
         let (reflectance_map, radiance_map) = (map(base.as_ref()), map(emissive));
+        let is_white = factor.is_none() && base.is_none() && !self.colored[number];
+        self.white += usize::from(is_white && used);
+        let reflectance = if is_white { Rgb::splat(WHITE) } else { Rgb::new(r, g, b) };
         let strength =
             json::number(&json.extensions, "KHR_materials_emissive_strength", "emissiveStrength");
         let emitted = json.emissive_factor.unwrap_or_default().map(|x| x * strength.unwrap_or(1.0));
@@ -147,7 +170,7 @@ impl Reader<'_> {
         self.out.texture_sets.push(set);
         self.out.materials.push(Material {
             name: json.name.clone().unwrap_or_else(|| format!("material {number}")),
-            reflectance: Rgb::new(r, g, b).clamp(Rgb::ZERO, Rgb::ONE),
+            reflectance: reflectance.clamp(Rgb::ZERO, Rgb::ONE),
             radiance: Rgb::from(emitted.map(|x| x.clamp(0.0, f32::MAX.into()) as f32)),
             two_sided: json.double_sided,
             emits_on_back: json.double_sided,
@@ -248,6 +271,13 @@ impl Reader<'_> {
             kinds.filter(|(n, _)| *n > 0).map(|(n, words)| format!("{n} {words}")).collect();
         if !list.is_empty() {
             let text = format!("materials are taken as diffuse: {}", list.join(", "));
+            self.out.warnings.push(Warning::in_file(self.path, None, text));
+        }
+        if self.white > 0 {
+            let text = format!(
+                "materials without a base colour are white and reflect {WHITE} ({} in all)",
+                self.white
+            );
             self.out.warnings.push(Warning::in_file(self.path, None, text));
         }
         if self.other_sets > 0 {

@@ -351,6 +351,29 @@ fn what_transmits_light_is_still_seen() {
 }
 
 #[test]
+fn white_that_no_file_asks_for_loses_some_light() {
+    let mut json = triangle();
+    json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    json["materials"] = json!([{"pbrMetallicRoughness": {"metallicFactor": 0}}]);
+    let reflectance = |json: &Value| {
+        let (model, warnings) = load_json(json).unwrap();
+        (model.materials[0].reflectance, warnings)
+    };
+    let said = "a.gltf: materials without a base colour are white and reflect 0.9 (1 in all)";
+    assert_eq!(reflectance(&json), (Rgb::splat(0.9), vec![said.to_string()]));
+    let mut given = json.clone();
+    given["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = json!([1, 1, 1, 1]);
+    assert_eq!(reflectance(&given), (Rgb::ONE, vec![]));
+    let mut colored = json.clone();
+    colored["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(0);
+    assert_eq!(reflectance(&colored), (Rgb::ONE, vec![]));
+    let mut painted = textured();
+    painted["materials"][0]["pbrMetallicRoughness"] =
+        json!({"metallicFactor": 0, "baseColorTexture": {"index": 0}});
+    assert_eq!(reflectance(&painted).0, Rgb::ONE);
+}
+
+#[test]
 fn files_outside_the_folder_are_named_in_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("model")).unwrap();
