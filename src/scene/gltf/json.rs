@@ -137,6 +137,8 @@ pub(super) struct Pbr {
 pub(super) struct SpecularGlossiness {
     pub diffuse_factor: Option<[f64; 4]>,
     pub diffuse_texture: Option<TextureInfo>,
+    pub specular_factor: Option<[f64; 3]>,
+    pub specular_glossiness_texture: Option<TextureInfo>,
 }
 
 /// Of `KHR_materials_transmission`.

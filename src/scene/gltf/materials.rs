@@ -1,11 +1,13 @@
 //! Materials of glTF models as diffuse ones, and their textures.
 
 use super::accessor::Data;
+use super::glossy::Shine;
 use super::images;
 use super::json::{self, Root, SpecularGlossiness, TextureInfo, TextureTransform, Transmission};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use crate::scene::beside::Files;
+use crate::scene::budget::Budget;
 use crate::scene::material::Material;
 use crate::scene::text::quote;
 use crate::scene::texture::{Map, Texture, TextureId, Wrap};
@@ -52,6 +54,7 @@ pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -
         images,
         known: HashMap::new(),
         colored: colored(data.root),
+        budget: Budget::default(),
         other_sets: 0,
         white: 0,
     };
@@ -70,7 +73,8 @@ fn wanted_images(root: &Root, used: &[bool]) -> Vec<usize> {
         let shown = [base.as_ref(), emissive].into_iter().flatten();
         let shown = shown.filter(|info| texture_set(info) == set);
         let transmission = transmission(material).and_then(|t| t.transmission_texture);
-        for info in shown.chain(transmission.as_ref()) {
+        let specular = glossy(material).and_then(|g| g.specular_glossiness_texture);
+        for info in shown.chain(transmission.as_ref()).chain(specular.as_ref()) {
             if let Ok(image) = image_of(root, info)
                 && known.insert(image)
             {
@@ -138,6 +142,8 @@ struct Reader<'a> {
     known: HashMap<(usize, [Wrap; 2]), TextureId>,
     /// Per material.
     colored: Vec<bool>,
+    /// Of pictures that are made of others.
+    budget: Budget,
     /// How many maps use other texture coordinates than their materials' first.
     other_sets: usize,
     /// How many used materials are white because nothing gives them a colour.
@@ -158,6 +164,11 @@ impl Reader<'_> {
         let is_white = factor.is_none() && base.is_none() && !self.colored[number];
         self.white += usize::from(is_white && used);
         let reflectance = if is_white { Rgb::splat(WHITE) } else { Rgb::new(r, g, b) };
+        let reflectance = reflectance.clamp(Rgb::ZERO, Rgb::ONE);
+        let (reflectance, reflectance_map) = match glossy(json).filter(|_| used) {
+            Some(glossy) => self.with_shine(&glossy, reflectance, reflectance_map),
+            None => (reflectance, reflectance_map),
+        };
         let strength =
             json::number(&json.extensions, "KHR_materials_emissive_strength", "emissiveStrength");
         let emitted = json.emissive_factor.unwrap_or_default().map(|x| x * strength.unwrap_or(1.0));
@@ -170,7 +181,7 @@ impl Reader<'_> {
         self.out.texture_sets.push(set);
         self.out.materials.push(Material {
             name: json.name.clone().unwrap_or_else(|| format!("material {number}")),
-            reflectance: reflectance.clamp(Rgb::ZERO, Rgb::ONE),
+            reflectance,
             radiance: Rgb::from(emitted.map(|x| x.clamp(0.0, f32::MAX.into()) as f32)),
             two_sided: json.double_sided,
             emits_on_back: json.double_sided,
@@ -180,6 +191,46 @@ impl Reader<'_> {
             opacity_map: reflectance_map.filter(|_| is_cut_out(json)),
             opacity_cutoff: cutoff,
         });
+    }
+
+    /// The diffuse colour of a material with its specular one.
+    fn with_shine(
+        &mut self,
+        glossy: &SpecularGlossiness,
+        diffuse: Rgb,
+        map: Option<Map>,
+    ) -> (Rgb, Option<Map>) {
+        let info = glossy.specular_glossiness_texture.as_ref();
+        let picture = info.and_then(|info| self.picture(info));
+        let given = glossy.specular_factor.map(|s| Rgb::from(s.map(|x| x.clamp(0.0, 1.0) as f32)));
+        let factor = match info {
+            // All of it would be a mirror.
+            Some(_) if picture.is_none() => Rgb::ZERO,
+            Some(_) => given.unwrap_or(Rgb::ONE),
+            None => given.unwrap_or(Rgb::splat(WHITE)),
+        };
+        let shine = Shine { factor, picture: picture.as_ref() };
+        let Some(map) = map.filter(|_| shine.is_metallic()) else {
+            return (if map.is_none() { shine.added_to(diffuse) } else { diffuse }, map);
+        };
+        // A picture that lies otherwise on the surface is not seen texel by texel.
+        let is_alike = |info: &TextureInfo| {
+            let base = glossy.diffuse_texture.as_ref();
+            transform(info) == map.transform
+                && base.is_some_and(|b| texture_set(b) == texture_set(info))
+        };
+        let shine = match info.is_none_or(is_alike) {
+            true => shine,
+            false => Shine { factor: shine.mean(), picture: None },
+        };
+        let below = &self.out.textures[map.texture.0 as usize];
+        if self.budget.take(size_of_val(&*below.pixels) as u64).is_err() {
+            return (diffuse, Some(map));
+        }
+        let joined = shine.painted_over(below, diffuse);
+        let texture = TextureId(self.out.textures.len() as u32);
+        self.out.textures.push(joined);
+        (Rgb::ONE, Some(Map { texture, ..map }))
     }
 
     /// The share of light that goes straight through what is solid of a material, by the mean of its texture.

@@ -9,6 +9,7 @@ mod accessor;
 mod checks;
 mod container;
 mod geometry;
+mod glossy;
 mod images;
 mod json;
 mod materials;

@@ -374,6 +374,38 @@ fn white_that_no_file_asks_for_loses_some_light() {
 }
 
 #[test]
+fn specular_colours_are_reflected_diffusely() {
+    let mut json = textured();
+    let mut material = |glossy: Value| {
+        json["materials"][0]["extensions"] = json!({"KHR_materials_pbrSpecularGlossiness": glossy});
+        let (mut model, _) = load_json(&json).unwrap();
+        let material = model.materials.remove(0);
+        let pixels = material
+            .reflectance_map
+            .map(|map| model.textures[map.texture.0 as usize].pixels.to_vec());
+        (material.reflectance, pixels)
+    };
+    let black = [0, 0, 0, 1];
+    let gold = json!([1, 0.75, 0.25]);
+    let metal = material(json!({"diffuseFactor": black, "specularFactor": gold}));
+    assert_eq!(metal, (Rgb::new(1.0, 0.75, 0.25), None));
+    // The picture's mean is half red and half green.
+    let textured = json!({"diffuseFactor": black, "specularGlossinessTexture": {"index": 0}});
+    let (reflectance, _) = material(textured);
+    assert!((reflectance - Rgb::new(0.5, 0.5, 0.0)).length() < 1e-6, "{reflectance}");
+    let painted = json!({"diffuseFactor": black, "specularFactor": [1, 1, 1],
+        "diffuseTexture": {"index": 0}, "specularGlossinessTexture": {"index": 0}});
+    let expected = vec![[255, 0, 0, 255], [0, 255, 0, 128]];
+    assert_eq!(material(painted), (Rgb::ONE, Some(expected)));
+    let plastic = json!({"specularFactor": [0.04, 0.04, 0.04], "diffuseTexture": {"index": 0},
+        "diffuseFactor": [0.5, 0.5, 0.5, 1]});
+    assert_eq!(material(plastic).0, Rgb::splat(0.5));
+    let unreadable = json!({"diffuseFactor": [0.5, 0.5, 0.5, 1],
+        "specularGlossinessTexture": {"index": 9}});
+    assert_eq!(material(unreadable).0, Rgb::splat(0.5));
+}
+
+#[test]
 fn files_outside_the_folder_are_named_in_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("model")).unwrap();
