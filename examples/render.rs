@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example render`
 
-use isolux::{Document, Frame, Settings, Solution, Tracer, View};
+use isolux::{Document, Frame, Settings, Solution, Tracer};
 
 fn main() -> isolux::Result<()> {
     let document = Document::open("scenes/cornell-box.toml")?;
@@ -11,6 +11,6 @@ fn main() -> isolux::Result<()> {
     let light = Solution::solve(&document, &scene, &tracer, &Settings::default(), &())?;
     light.save("cornell.light")?;
     let frame = Frame::new(512, 512);
-    let picture = light.smooth(View::CREASE).draw(&tracer, &light.camera, &frame, &())?;
+    let picture = light.gathered().draw(&tracer, &light.camera, &frame, &())?;
     picture.save("cornell.png", light.exposure(&picture))
 }

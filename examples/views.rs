@@ -3,7 +3,7 @@
 //! `cargo run --release --example views`
 
 use glam::Vec3;
-use isolux::{Camera, Document, Frame, Settings, Solution, Tracer, View};
+use isolux::{Camera, Document, Frame, Settings, Solution, Tracer};
 use std::time::Instant;
 
 fn main() -> isolux::Result<()> {
@@ -11,7 +11,7 @@ fn main() -> isolux::Result<()> {
     let scene = document.scene()?;
     let tracer = Tracer::build(&scene);
     let light = Solution::solve(&document, &scene, &tracer, &Settings::default(), &())?;
-    let view = light.smooth(View::CREASE);
+    let view = light.gathered();
     let (middle, frame) = (scene.bounds().center(), Frame::new(256, 256));
     for number in 0..10 {
         let start = Instant::now();

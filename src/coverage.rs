@@ -83,7 +83,7 @@ impl<'a> Search<'a> {
     fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f64]) -> u64 {
         let patches = || (first.0..).take(shares.len()).map(PatchId);
         work.rays.clear();
-        for patch in patches() {
+        for patch in patches().filter(|patch| !self.mesh.is_cluster(*patch)) {
             let side = self.mesh.side(patch);
             let [p0, p1, p2] = self.mesh.triangle(patch).p;
             let points = regular_triangle(self.fineness(patch));
@@ -95,6 +95,9 @@ impl<'a> Search<'a> {
         let mut traced = work.rays.len() as u64;
         let mut next = 0;
         for (patch, share) in patches().collect::<Vec<_>>().into_iter().zip(shares) {
+            if self.mesh.is_cluster(patch) {
+                continue;
+            }
             let count = self.fineness(patch).pow(2) as usize;
             let open = (next..next + count).filter(|&k| {
                 let ray = &work.rays[k];

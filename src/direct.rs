@@ -15,7 +15,7 @@ use crate::color::Rgb64;
 use crate::form_factor::Estimator;
 use crate::geometry::Ray;
 use crate::light::{Facet, Light};
-use crate::patches::PatchId;
+use crate::patches::{Members, PatchId};
 use crate::progress::Stage;
 use crate::sampling::{PointSet, Purpose, Stream};
 use rayon::prelude::*;
@@ -61,12 +61,23 @@ struct DirectWork {
 
 impl DirectWork {
     fn direct(&mut self, of: &Estimator, light: &dyn Light, purpose: Purpose, i: PatchId) -> Rgb64 {
-        let patch = Facet::patch(of.mesh, i);
+        let members = Members::of(of.mesh, i);
+        let only = (!of.mesh.is_cluster(i)).then(|| Facet::patch(of.mesh, i));
         let stream = Stream::new(of.seed, purpose, i.0 as u64, PointSet::Sobol);
         self.segments.clear();
         self.light.clear();
         for k in 0..of.samples {
-            if let Some(sample) = light.sample(&patch, stream.point(k)) {
+            let [x0, x1, y0, y1] = stream.point(k);
+            let (side, x0) = members.choose(x0);
+            let member;
+            let patch = match &only {
+                Some(patch) => patch,
+                None => {
+                    member = Facet::new(members.part(side), side);
+                    &member
+                }
+            };
+            if let Some(sample) = light.sample(patch, [x0, x1, y0, y1]) {
                 self.segments.push(sample.segment);
                 self.light.push(sample.irradiance);
             }

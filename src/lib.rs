@@ -4,7 +4,7 @@
 //! A program that draws a picture:
 //!
 //! ```no_run
-//! use isolux::{Document, Frame, Settings, Solution, Tracer, View};
+//! use isolux::{Document, Frame, Settings, Solution, Tracer};
 //!
 //! fn main() -> isolux::Result<()> {
 //!     let document = Document::open("scenes/cornell-box.toml")?;
@@ -13,7 +13,7 @@
 //!     let light = Solution::solve(&document, &scene, &tracer, &Settings::default(), &())?;
 //!     light.save("cornell.light")?;
 //!     let frame = Frame::new(512, 512);
-//!     let picture = light.smooth(View::CREASE).draw(&tracer, &light.camera, &frame, &())?;
+//!     let picture = light.gathered().draw(&tracer, &light.camera, &frame, &())?;
 //!     picture.save("cornell.png", light.exposure(&picture))
 //! }
 //! ```
@@ -36,7 +36,7 @@
 //! | 1 | [`color`], [`sampling`], `memory` | linear RGB; seeded points and their maps; memory free and used |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
 //! | 3 | [`scene`] | OBJ, glTF, PLY, STL; the TOML description; materials, textures, camera, topology |
-//! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic; the eight-wide SIMD hierarchy |
+//! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic, clusters; the eight-wide SIMD hierarchy |
 //! | 5 | `oracle` (feature `embree`) | Embree: device, scene under construction, committed scene |
 //! | 5 | [`verify`] | exact referee, derived bounds, verdicts, adversarial rays |
 //! | 5 | [`form_factor`], `coverage` | pairwise and hemispherical estimates behind [`Transport`]; what is covered |
@@ -44,8 +44,9 @@
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
-//! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated |
-//! | 8 | [`render`], `export` | pictures, exposure; files that appear whole |
+//! | 7 | `paths` | paths of light, which end by chance or where a solution is known |
+//! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated, path-traced |
+//! | 8 | [`render`], `export` | pictures by fields or by gathering, exposure; files that appear whole |
 //! | 8 | `lit_sides`, `framing` | sides that light reaches; a camera for scenes without one |
 //! | 9 | [`plan`] | from a scene and its settings to its solution |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
@@ -70,6 +71,8 @@
 //!   fixed order. The kernels fuse and approximate nothing, so AVX-512, AVX2 and SSE2 agree.
 //! - **Small lamps are sampled separately.** Few of a patch's rays find a small lamp, so its light is
 //!   estimated by [`direct`] and the rays carry only what is reflected.
+//! - **Work follows light, not triangles.** Small triangles share patches (`patches::cluster`), and pictures gather
+//!   soft light from the patches at the pixels (`render::gather`), so neither the patches nor the triangles show.
 //! - **Near pairs are sampled by solid angle.** 1/r² has no finite variance over two patches that share
 //!   an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
 //! - **Covered parts do not count.** A patch that is partly covered by another surface is weighted by its

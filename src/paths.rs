@@ -9,9 +9,10 @@ use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::light::{EmittingTriangles, Light};
 use crate::patches::{PatchMesh, Side, SurfacePoint};
-use crate::sampling::{PointSet, Purpose, Stream, cosine_hemisphere};
+use crate::sampling::{Purpose, Shuffled, cosine_hemisphere};
 use glam::Vec3;
 use std::f32::consts::PI;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How the scene's light is found.
 pub(crate) struct Lights {
@@ -20,12 +21,23 @@ pub(crate) struct Lights {
     sampled: Option<EmittingTriangles>,
 }
 
+/// Up to this share of the scene's area emitters are sampled. Rays find more of them as well, and know which is near.
+const SAMPLED: f64 = 0.5;
+
 impl Lights {
     pub(crate) fn of(mesh: &PatchMesh) -> Lights {
         let mut emitting = mesh.sides().iter().filter(|side| side.radiates);
-        let samples = EmittingTriangles::are_small(&mesh.scene)
+        let emitters = EmittingTriangles::of_patches(mesh);
+        let samples = !emitters.is_empty()
+            && emitters.area() <= SAMPLED * mesh.scene.area()
             && !emitting.any(|side| mesh.is_patterned_light(side));
-        Lights { sampled: samples.then(|| EmittingTriangles::of_patches(mesh)) }
+        Lights { sampled: samples.then_some(emitters) }
+    }
+}
+
+impl Lights {
+    pub(crate) fn are_sampled(&self) -> bool {
+        self.sampled.is_some()
     }
 }
 
@@ -41,14 +53,41 @@ pub(crate) struct Start {
 }
 
 impl Start {
+    /// One path for a sample of a picture, with numbers of its pixel's own.
     pub(crate) fn at(point: &SurfacePoint) -> Start {
+        let [x, y] = point.sample.pixel;
         Start {
             point: point.side.lifted(point.position),
             normal: point.side.normal,
-            stream: point.sample.pixel,
+            stream: (y as u64) << 20 | x as u64,
             number: point.sample.number,
         }
     }
+
+    /// One of `paths` paths for a sample, with numbers that go well with those of the pixels around: in the square
+    /// of pixels that contains it, along a curve that stays near (Ahmed & Wonka, *Screen-Space Blue-Noise
+    /// Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels*, ACM TOG 39(6), 2020). A power
+    /// of two of paths, `first`, is what a pixel has in general; more follow.
+    pub(crate) fn of_square(point: &SurfacePoint, path: u32, paths: u32, first: u32) -> Start {
+        let [x, y] = point.sample.pixel;
+        let number = point.sample.number * paths + path;
+        let [more, number] = [number / first, number % first];
+        let place = z_order(x % SQUARE, y % SQUARE);
+        Start {
+            stream: ((y / SQUARE) as u64) << 20 | (x / SQUARE) as u64,
+            number: (more * SQUARE * SQUARE + place) * first + number,
+            ..Start::at(point)
+        }
+    }
+}
+
+/// Pixels along an edge of a square: a power of two.
+const SQUARE: u32 = 32;
+
+/// The place along a curve of Morton's: the binary digits of both numbers in turn.
+fn z_order(x: u32, y: u32) -> u32 {
+    let digits = |n: u32| (0..5).map(|k| (n >> k & 1) << (2 * k)).sum::<u32>();
+    digits(x) | digits(y) << 1
 }
 
 /// All that paths of one scene have in common.
@@ -56,8 +95,35 @@ pub(crate) struct Paths<'a> {
     pub caster: &'a dyn RayCaster,
     pub mesh: &'a PatchMesh,
     pub lights: &'a Lights,
+    /// Per patch: ends the paths that come to it from afar. `None`: paths end by chance alone.
+    pub known: Option<&'a [Known]>,
     pub seed: u64,
+    /// Rays traced so far.
+    pub rays: AtomicU64,
 }
+
+/// What a solution knows of a patch.
+#[derive(Clone, Copy)]
+pub(crate) struct Known {
+    /// B in W·m⁻², without what the lights sample.
+    radiosity: Rgb,
+    /// The square of the distance from which B stands for every point of the patch.
+    far: f32,
+}
+
+impl Known {
+    /// Of a patch with this area.
+    pub(crate) fn new(radiosity: Rgb, area: f64) -> Known {
+        Known { radiosity, far: NEAR * NEAR * area as f32 }
+    }
+}
+
+/// From nearer than this many times the square root of a patch's area, its mean radiosity does not stand for the
+/// point that was met, and the path goes on.
+const NEAR: f32 = 2.0;
+
+/// Bounces after which no path is ended by chance: most of the light comes over these.
+const CERTAIN: u32 = 3;
 
 /// A path on its way.
 struct Walk {
@@ -82,20 +148,43 @@ struct Step {
 impl Paths<'_> {
     /// Adds to each number the irradiance at its start, W·m⁻², by one path.
     pub(crate) fn add_irradiance(&self, starts: &[Start], irradiance: &mut [Rgb]) {
+        let mut step = Step::default();
+        self.begin(&mut step, starts);
+        self.sample_lights(&mut step, starts, 0, irradiance);
+        self.add_rest(&mut step, starts, irradiance);
+    }
+
+    /// Adds to each number the part of the irradiance at its start that [`sampled`](Self::add_sampled) leaves.
+    pub(crate) fn add_unsampled(&self, starts: &[Start], irradiance: &mut [Rgb]) {
+        let mut step = Step::default();
+        self.begin(&mut step, starts);
+        self.add_rest(&mut step, starts, irradiance);
+    }
+
+    /// Adds to each number the irradiance straight from sampled lights at its start, by one point of them.
+    pub(crate) fn add_sampled(&self, starts: &[Start], irradiance: &mut [Rgb]) {
+        let mut step = Step::default();
+        self.begin(&mut step, starts);
+        self.sample_lights(&mut step, starts, 0, irradiance);
+    }
+
+    fn begin(&self, step: &mut Step, starts: &[Start]) {
         let walk = |(start, at): (usize, &Start)| Walk {
             start,
             point: at.point,
             normal: at.normal,
             weight: Rgb::ONE,
         };
-        let mut step = Step::default();
-        step.walks = starts.iter().enumerate().map(walk).collect();
+        step.walks.extend(starts.iter().enumerate().map(walk));
+    }
+
+    fn add_rest(&self, step: &mut Step, starts: &[Start], irradiance: &mut [Rgb]) {
         for bounce in 0.. {
+            self.go_on(step, starts, bounce, irradiance);
             if step.walks.is_empty() {
                 break;
             }
-            self.sample_lights(&mut step, starts, bounce, irradiance);
-            self.go_on(&mut step, starts, bounce, irradiance);
+            self.sample_lights(step, starts, bounce + 1, irradiance);
         }
     }
 
@@ -112,6 +201,7 @@ impl Paths<'_> {
             }
         }
         self.caster.occluded_batch(&step.rays, &mut step.blocked);
+        self.count_rays(step.rays.len());
         for (&(start, light), blocked) in step.shadows.iter().zip(&step.blocked) {
             sum[start] += if *blocked { Rgb::ZERO } else { light };
         }
@@ -125,6 +215,7 @@ impl Paths<'_> {
             Ray::new(walk.point, cosine_hemisphere(walk.normal, d0, d1))
         }));
         self.caster.nearest_batch(&step.rays, &mut step.hits);
+        self.count_rays(step.rays.len());
         let mut met = step.rays.iter().zip(&step.hits);
         step.walks.retain_mut(|walk| {
             let (ray, hit) = met.next().expect("one ray per path");
@@ -133,21 +224,39 @@ impl Paths<'_> {
                 return false;
             };
             let Some(side) = self.mesh.side_hit(ray, hit) else { return false };
+            if let Some(known) = self.known_at(ray, side, hit) {
+                sum[walk.start] += walk.weight * known;
+                return false;
+            }
             let look = self.mesh.look(side, hit, 0.0);
             if side.radiates && self.lights.sampled.is_none() {
                 sum[walk.start] += walk.weight * look.radiance * PI;
             }
             walk.meet(self.mesh, side, hit);
             walk.weight *= look.reflectance;
+            if bounce < CERTAIN {
+                return walk.weight != Rgb::ZERO;
+            }
             let [survives, ..] = self.numbers(Purpose::Roulette, &starts[walk.start], bounce);
             walk.survives(survives)
         });
     }
 
+    pub(crate) fn count_rays(&self, rays: usize) {
+        self.rays.fetch_add(rays as u64, Ordering::Relaxed);
+    }
+
+    /// B of the patch that a ray meets from afar.
+    fn known_at(&self, ray: &Ray, side: &Side, hit: &Hit) -> Option<Rgb> {
+        let known = &self.known?[self.mesh.patch_at(side, hit).index()];
+        let distance = ray.direction * hit.t;
+        (distance.length_squared() >= known.far).then_some(known.radiosity)
+    }
+
     fn numbers(&self, purpose: Purpose, start: &Start, bounce: u32) -> [f32; 4] {
         // Bounces beyond share their numbers, and no path is that long.
         let index = start.stream << 12 | bounce.min(4095) as u64;
-        Stream::new(self.seed, purpose, index, PointSet::Sobol).point(start.number)
+        Shuffled::new(self.seed, purpose, index).point(start.number)
     }
 }
 

@@ -4,9 +4,9 @@ use crate::coverage;
 use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
 use crate::lit_sides::lit_sides;
-use crate::patches::{PatchMesh, Subdivision};
+use crate::patches::{PatchMesh, Split, Subdivision};
 use crate::progress::Progress;
-use crate::radiosity::{self, Choices};
+use crate::radiosity::{self, Choices, Method};
 use crate::scene::{Document, Scene};
 use crate::settings::Settings;
 use crate::solution::Solution;
@@ -17,8 +17,7 @@ use std::time::{Duration, Instant};
 pub struct Plan<'d> {
     document: &'d Document,
     scene: Scene,
-    /// Per triangle.
-    levels: Vec<u32>,
+    split: Split,
     choices: Choices,
 }
 
@@ -47,14 +46,18 @@ impl<'d> Plan<'d> {
             seed: settings.seed,
         };
         let of_document = |error: Error| error.in_file_if_none(&document.file);
-        let levels = Subdivision::of(&settings.patches).levels(scene).map_err(of_document)?;
+        let mut split = Subdivision::of(&settings.patches).split(scene).map_err(of_document)?;
         let choices = Choices::new(&settings, scene).map_err(of_document)?;
-        Ok(Plan { document, scene: scene.clone(), levels, choices })
+        if choices.method == Method::Pairs {
+            // A pair of clusters has no solid angle.
+            split.cube = None;
+        }
+        Ok(Plan { document, scene: scene.clone(), split, choices })
     }
 
     /// Rays that the light takes, about: how thoroughly a hierarchy should be built.
     pub fn rays(&self) -> u64 {
-        self.choices.expected_rays(self.levels.iter().map(|&level| 1 << (2 * level)).sum())
+        self.choices.expected_rays(self.split.patches())
     }
 
     /// The patches of the sides that light can reach.
@@ -63,7 +66,7 @@ impl<'d> Plan<'d> {
     /// More patches than can be numbered.
     pub fn patches(&self, caster: &dyn RayCaster) -> Result<PatchMesh> {
         let sides = lit_sides(&self.scene, caster, self.choices.seed);
-        PatchMesh::new(&self.scene, &self.levels, &sides)
+        PatchMesh::new(&self.scene, &self.split, &sides)
             .map_err(|error| error.in_file_if_none(&self.document.file))
     }
 

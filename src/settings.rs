@@ -36,15 +36,15 @@ pub enum Solver {
 /// Samples per pair of patches, unless another number is asked for.
 pub(crate) const PAIR_SAMPLES: u32 = 9;
 /// Rays per patch.
-pub(crate) const HEMISPHERE_RAYS: u32 = 256;
+pub(crate) const HEMISPHERE_RAYS: u32 = 128;
 /// Points of small emitters per patch.
-pub(crate) const DIRECT_SAMPLES: u32 = 64;
+pub(crate) const DIRECT_SAMPLES: u32 = 32;
 /// The relative residual at which to stop.
 pub(crate) const TOLERANCE: f64 = 1e-4;
 /// Of the available memory, how much a matrix may take.
 pub(crate) const MEMORY_PERCENT: u64 = 80;
 /// Patches that the subdivision aims at: good and quick for a first picture.
-pub(crate) const PATCHES: usize = 40_000;
+pub(crate) const PATCHES: usize = 20_000;
 
 /// The name of a choice on the command line and in a description.
 fn name_of(choice: impl ValueEnum) -> String {

@@ -13,7 +13,7 @@
 use crate::color::{Rgb, Rgb64};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
-use crate::patches::{PatchMesh, Sides};
+use crate::patches::{PatchMesh, Sides, Split};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::camera::is_view_name;
@@ -30,8 +30,7 @@ use std::sync::{Arc, OnceLock};
 pub struct Solution {
     pub title: String,
     scene: Scene,
-    /// How often each triangle is split; see [`PatchMesh::levels`].
-    levels: Vec<u32>,
+    split: Split,
     /// The sides of each triangle that have patches.
     sides: Vec<Sides>,
     /// H in W·m⁻², per patch.
@@ -71,7 +70,7 @@ pub struct Figures {
 }
 
 const MAGIC: &[u8] = b"isolux light\n";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEADER: usize = MAGIC.len() + 8;
 
 impl Solution {
@@ -90,7 +89,7 @@ impl Solution {
         Solution {
             title: document.title.clone(),
             scene: mesh.scene.clone(),
-            levels: mesh.levels(),
+            split: mesh.split(),
             sides: mesh.sides_of_triangles(),
             irradiance: light.irradiance,
             uncovered,
@@ -117,7 +116,7 @@ impl Solution {
         let of = |bytes: postcard::Result<Vec<u8>>| {
             crc32fast::hash(&bytes.expect("numbers, strings and lists"))
         };
-        let scene = postcard::to_stdvec(&(&self.scene, &self.levels, &self.sides));
+        let scene = postcard::to_stdvec(&(&self.scene, &self.split, &self.sides));
         [of(scene), of(postcard::to_stdvec(&self.choices))]
     }
 
@@ -136,7 +135,7 @@ impl Solution {
     /// The scene's patches, numbered as the irradiance is.
     pub fn patches(&self) -> Arc<PatchMesh> {
         let make =
-            || PatchMesh::new(&self.scene, &self.levels, &self.sides).expect("they were checked");
+            || PatchMesh::new(&self.scene, &self.split, &self.sides).expect("they were checked");
         self.known_patches.get_or_init(|| make().into()).clone()
     }
 
@@ -237,8 +236,14 @@ impl Solution {
         if !lists_fit {
             return Err(contradiction());
         }
-        // Counted before any patch is made.
-        let patches = PatchMesh::count(scene, &self.levels, &self.sides)?;
+        if self.split.cube.is_some_and(|edge| !(edge > 0.0 && edge.is_finite())) {
+            return Err(contradiction());
+        }
+        // Counted before any patch is made; clusters have to be made to be counted.
+        let mut patches = PatchMesh::most(scene, &self.split, &self.sides)?;
+        if self.split.cube.is_some() {
+            patches = self.patches().len();
+        }
         let is_share = |c: &Rgb| c.cmpge(Rgb::ZERO).all() && c.cmple(Rgb::ONE).all();
         let is_light = |h: &Rgb64| h.is_finite() && h.cmpge(Rgb64::ZERO).all();
         let means_something = self.irradiance.len() == patches
@@ -357,9 +362,10 @@ mod tests {
             assert!(error.contains(why), "{error}");
         };
         let itself = "contradicts itself";
-        refused(Solution { levels: vec![], ..good.clone() }, "0 levels of subdivision");
-        refused(Solution { levels: vec![3], ..good.clone() }, itself);
-        refused(Solution { levels: vec![u32::MAX], ..good.clone() }, "4294967295 levels");
+        let split = |levels| Split { levels, cube: None };
+        refused(Solution { split: split(vec![]), ..good.clone() }, "0 levels of subdivision");
+        refused(Solution { split: split(vec![3]), ..good.clone() }, itself);
+        refused(Solution { split: split(vec![u32::MAX]), ..good.clone() }, "4294967295 levels");
         refused(Solution { uncovered: vec![], ..good.clone() }, itself);
         refused(Solution { uncovered: vec![f64::NAN; 16], ..good.clone() }, itself);
         refused(Solution { irradiance: vec![-Rgb64::ONE; 16], ..good.clone() }, itself);

@@ -5,6 +5,7 @@ use crate::field::{Constant, Interpolated, IrradianceField, PathTraced};
 use crate::geometry::RayCaster;
 use crate::patches::PatchMesh;
 use crate::progress::Progress;
+use crate::render::gather::Gathered;
 use crate::render::{Frame, Image, render};
 use crate::scene::Camera;
 use crate::solution::Solution;
@@ -13,7 +14,13 @@ use std::sync::Arc;
 /// The patches of a scene with the irradiance at each of their points.
 pub struct View {
     mesh: Arc<PatchMesh>,
-    field: Box<dyn IrradianceField>,
+    look: Look,
+}
+
+/// How the light is estimated at the points that a camera sees.
+enum Look {
+    Field(Box<dyn IrradianceField>),
+    Gathered(Gathered),
 }
 
 impl View {
@@ -39,17 +46,30 @@ impl View {
     ///
     /// # Errors
     /// `progress` asked to stop.
-    pub fn draw_all(
-        views: &[View],
+    pub fn draw_all<'v>(
+        views: &'v [View],
         caster: &dyn RayCaster,
         camera: &Camera,
         frame: &Frame,
         progress: &dyn Progress,
     ) -> Result<Vec<Image>> {
         let Some(first) = views.first() else { return Ok(Vec::new()) };
-        let fields: Vec<&dyn IrradianceField> = views.iter().map(|view| &*view.field).collect();
         let camera = camera.placed(first.mesh.scene.origin);
-        let images = render(caster, &first.mesh, &camera, frame, &fields, progress);
+        let field = |view: &'v View| match &view.look {
+            Look::Field(field) => Some(&**field),
+            Look::Gathered(_) => None,
+        };
+        let fields: Vec<&dyn IrradianceField> = views.iter().filter_map(field).collect();
+        let mut of_fields = match fields.is_empty() {
+            true => Vec::new(),
+            false => render(caster, &first.mesh, &camera, frame, &fields, progress),
+        }
+        .into_iter();
+        let image = |view: &View| match &view.look {
+            Look::Field(_) => of_fields.next().expect("one per field"),
+            Look::Gathered(light) => light.draw(caster, &camera, frame, progress),
+        };
+        let images = views.iter().map(image).collect();
         if progress.is_stopped() { Err(Error::stopped()) } else { Ok(images) }
     }
 }
@@ -66,6 +86,13 @@ impl Solution {
         self.seen_by(Interpolated::new(&mesh, self.irradiance(), self.uncovered(), crease))
     }
 
+    /// Direct light at every sample, and indirect light gathered from the patches.
+    pub fn gathered(&self) -> View {
+        let mesh = self.patches();
+        let light = Gathered::new(&mesh, self.irradiance(), self.uncovered(), self.choices.seed);
+        View { mesh, look: Look::Gathered(light) }
+    }
+
     /// The scene's light without its solution, by paths: unbiased and noisy.
     pub fn path_traced(&self) -> View {
         self.seen_by(PathTraced::new(&self.patches(), self.choices.seed))
@@ -73,6 +100,6 @@ impl Solution {
 
     /// The light as a field of the caller's shows it.
     pub fn seen_by(&self, field: impl IrradianceField + 'static) -> View {
-        View { mesh: self.patches(), field: Box::new(field) }
+        View { mesh: self.patches(), look: Look::Field(Box::new(field)) }
     }
 }

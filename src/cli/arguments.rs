@@ -13,6 +13,7 @@ use crate::view::View;
 use clap::ValueEnum;
 use glam::{DVec3, Vec3};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Solve a scene's radiosity and draw it.
 #[derive(clap::Args)]
@@ -34,8 +35,20 @@ pub(super) struct RenderArguments {
               "Samples per pixel [default: the scene's, else {}]", Frame::SAMPLES))]
     pub spp: Option<u32>,
 
-    /// How patches look: constant, or interpolated; several share one solve
-    #[arg(long, value_delimiter = ',', default_value = "smooth", help_heading = "Picture")]
+    /// Gathered pictures: go on until the error of most pixels is at most this share of their light, such as 1%
+    #[arg(long, value_name = "SHARE", value_parser = parse_share, help_heading = "Picture")]
+    pub error: Option<f32>,
+
+    /// Gathered pictures: use this long for the whole run, such as 30s or 5m. The result depends on the machine
+    #[arg(long, value_name = "TIME", value_parser = parse_time, help_heading = "Picture")]
+    pub time: Option<Duration>,
+
+    /// Gathered pictures: write the standard error of each pixel's luminance, as .exr or .hdr
+    #[arg(long, value_name = "FILE", help_heading = "Picture")]
+    pub error_image: Option<PathBuf>,
+
+    /// How light is shown; several shadings share one solve
+    #[arg(long, value_delimiter = ',', default_value = "gather", help_heading = "Picture")]
     pub shading: Vec<ShadingName>,
 
     /// Angle in degrees up to which smooth shading carries light over an edge
@@ -236,6 +249,8 @@ pub(super) enum ShadingName {
     Flat,
     /// Irradiance is interpolated over patches
     Smooth,
+    /// Direct light at every sample, indirect light gathered from the patches
+    Gather,
     /// Paths of light, without the solution: unbiased and noisy
     Path,
 }
@@ -269,6 +284,32 @@ fn parse_positive(text: &str) -> std::result::Result<f32, String> {
     match text.parse::<f32>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("expected a number above zero".into()),
+    }
+}
+
+/// A share above zero, as a number or in per cent.
+fn parse_share(text: &str) -> std::result::Result<f32, String> {
+    let (number, unit) = match text.strip_suffix('%') {
+        Some(number) => (number, 0.01),
+        None => (text, 1.0),
+    };
+    match number.trim().parse::<f32>().map(|x| x * unit) {
+        Ok(share) if (1e-5..1.0).contains(&share) => Ok(share),
+        _ => Err("expected a share of at least 0.00001 and below 1, such as 0.01 or 1%".into()),
+    }
+}
+
+/// Seconds, or a number with s, m or h.
+fn parse_time(text: &str) -> std::result::Result<Duration, String> {
+    let (number, unit) = match text.char_indices().last() {
+        Some((at, 's')) => (&text[..at], 1.0),
+        Some((at, 'm')) => (&text[..at], 60.0),
+        Some((at, 'h')) => (&text[..at], 3600.0),
+        _ => (text, 1.0),
+    };
+    match number.trim().parse::<f64>().map(|x| x * unit) {
+        Ok(seconds) if seconds > 0.0 && seconds <= 1e7 => Ok(Duration::from_secs_f64(seconds)),
+        _ => Err("expected a time such as 30s, 5m or 1h".into()),
     }
 }
 

@@ -5,6 +5,7 @@ use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
 use crate::bvh::{Effort, Tracer};
+use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
@@ -99,7 +100,12 @@ impl Run<'_> {
     fn frame(&self, image: &ImageDefaults, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
         frame(*size, *spp, run.seed.unwrap_or(seed), image, self.pictures.len())
-            .map(|frame| Frame { background: *background, ..frame })
+            .map(|frame| Frame {
+                background: *background,
+                error: self.arguments.error,
+                deadline: self.arguments.time.map(|time| self.start + time),
+                ..frame
+            })
             .map_err(|error| error.in_file_if_none(&self.arguments.scene))
     }
 
@@ -132,9 +138,10 @@ impl Run<'_> {
         let is_given = matches!(arguments.exposure, Some(Exposure::Factor(_)))
             || solution.image.exposure.is_some();
         let report = Report {
+            picture_error: images.iter().find_map(Image::relative_error),
             exposure: Some(exposures[0]),
             automatic_exposure: !is_given,
-            rays: light_rays + frame.rays() * views as u64,
+            rays: light_rays + images.iter().map(|image| image.rays).sum::<u64>(),
             exposures: if exposures.iter().any(|e| *e != exposures[0]) {
                 exposures
             } else {
@@ -142,6 +149,9 @@ impl Run<'_> {
             },
             ..Report::new(solution, seconds, files)
         };
+        if let Some(path) = &arguments.error_image {
+            outputs.push(Output { path: path.clone(), bytes: error_image(path, &images)? });
+        }
         if let Some(path) = &arguments.run.stats {
             outputs.push(Output { path: path.clone(), bytes: report.to_json() });
         }
@@ -164,6 +174,7 @@ struct Picture {
 /// Names the output files and makes sure that they can be written, before anything is computed. The
 /// shadings of a view follow each other.
 fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
+    check_gathered(arguments)?;
     let format = Format::of(&arguments.output)?;
     if arguments.background == Some(Background::Transparent) && format == Format::Hdr {
         return Err(Error::new("a picture in Radiance's format has no transparency")
@@ -187,7 +198,15 @@ fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             pictures.push(Picture { view: view.clone(), shading, path, format });
         }
     }
-    for path in pictures.iter().map(|picture| &picture.path).chain(&arguments.run.stats) {
+    if let Some(path) = &arguments.error_image
+        && Format::of(path)? == Format::Png
+    {
+        return Err(Error::new("errors are numbers, and PNG keeps colours")
+            .in_file(path)
+            .remedy("write them as .exr or .hdr"));
+    }
+    let others = arguments.run.stats.iter().chain(&arguments.error_image);
+    for path in pictures.iter().map(|picture| &picture.path).chain(others) {
         check_writable(path)?;
     }
     Ok(pictures)
@@ -201,6 +220,7 @@ fn check_overwriting(
 ) -> Result<()> {
     let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
     outputs.extend(arguments.run.stats.as_deref());
+    outputs.extend(arguments.error_image.as_deref());
     check_distinct(&outputs, inputs)
 }
 
@@ -272,6 +292,7 @@ fn draw(
     let looks = of_views[0].iter().map(|picture| match picture.shading {
         ShadingName::Flat => solution.flat(),
         ShadingName::Smooth => solution.smooth(arguments.crease),
+        ShadingName::Gather => solution.gathered(),
         ShadingName::Path => solution.path_traced(),
     });
     let (looks, bars) = (looks.collect::<Vec<_>>(), Bars::new());
@@ -280,6 +301,31 @@ fn draw(
         images.extend(View::draw_all(&looks, caster, camera, frame, &bars)?);
     }
     Ok(images)
+}
+
+/// The picture of the first gathered picture's errors.
+fn error_image(path: &Path, images: &[Image]) -> Result<Vec<u8>> {
+    let estimated = images.iter().find(|image| !image.error.is_empty());
+    let Image { width, height, ref error, .. } = *estimated.expect("one is gathered");
+    let pixels = error.iter().map(|&error| Rgb::splat(error)).collect();
+    Format::of(path)?.encode(&Image { width, height, pixels, ..Image::default() }, 1.0)
+}
+
+/// Refuses options of gathered pictures if there is none.
+fn check_gathered(arguments: &RenderArguments) -> Result<()> {
+    let options = [
+        ("--error", arguments.error.is_some()),
+        ("--time", arguments.time.is_some()),
+        ("--error-image", arguments.error_image.is_some()),
+    ];
+    let given = options.into_iter().find(|(_, is_given)| *is_given);
+    match given {
+        Some((name, _)) if !arguments.shading.contains(&ShadingName::Gather) => {
+            Err(Error::new(format!("{name} is for gathered pictures, and none is asked for"))
+                .remedy("leave it out, or draw with --shading gather"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// One exposure per view, for all of its shadings.

@@ -36,6 +36,9 @@ pub(super) struct Report {
     pub energy: EnergyBalance,
     /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means.
     pub imbalance: f64,
+    /// The root mean square of the relative standard errors of the pixels of the first gathered picture; `null`
+    /// where there is none.
+    pub picture_error: Option<f32>,
     /// That of the first picture; `null` where nothing was drawn.
     pub exposure: Option<f32>,
     /// One per view, where these differ.
@@ -120,6 +123,7 @@ impl Report {
             reciprocity_defect: solution.figures.reciprocity_defect,
             energy: (*energy).into(),
             imbalance: energy.imbalance(),
+            picture_error: None,
             exposure: None,
             exposures: Vec::new(),
             files: files.into_iter().map(|path| path.to_string_lossy().into()).collect(),
@@ -185,6 +189,12 @@ impl Report {
         }
         line("escaped", watts(self.energy.escaped));
         line("balance", format!("{:+.3} %", 100.0 * self.imbalance));
+        if let Some(error) = self.picture_error {
+            line(
+                "error",
+                format!("{:.2} % (root mean square of the pixels' standard errors)", 100.0 * error),
+            );
+        }
         line(
             "rays",
             format!(

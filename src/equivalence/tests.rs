@@ -12,7 +12,15 @@ use crate::verify::{Arithmetic, Judge};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-const FRAME: Frame = Frame { width: 24, height: 16, samples: 4, seed: 5, background: None };
+const FRAME: Frame = Frame {
+    width: 24,
+    height: 16,
+    samples: 4,
+    seed: 5,
+    error: None,
+    deadline: None,
+    background: None,
+};
 
 /// Compares on the Cornell box.
 fn compare(

@@ -101,7 +101,15 @@ mod tests {
 
     fn image() -> Image {
         let pixels = (0..6).map(|i| Rgb::new(i as f32, 0.5, 4.0 - 0.5 * i as f32)).collect();
-        Image { width: 3, height: 2, pixels, reflecting: vec![0.0; 6], coverage: vec![] }
+        Image {
+            width: 3,
+            height: 2,
+            pixels,
+            reflecting: vec![0.0; 6],
+            rays: 0,
+            error: vec![],
+            coverage: vec![],
+        }
     }
 
     #[test]

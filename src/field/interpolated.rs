@@ -306,7 +306,7 @@ mod tests {
                 l1,
                 l2,
                 position: Vec3::ZERO,
-                sample: SampleId { pixel: 0, number: 0 },
+                sample: SampleId { pixel: [0; 2], number: 0 },
             })
         };
         [value(0, 1.0 - fraction, 0.0), value(1, 1.0 - fraction, fraction)]

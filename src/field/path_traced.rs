@@ -6,6 +6,7 @@ use crate::geometry::RayCaster;
 use crate::patches::{PatchMesh, SurfacePoint};
 use crate::paths::{Lights, Paths, Start};
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 
 /// One path per point: an unbiased estimate of H, and a noisy one. The mean over many samples of a pixel is the
 /// truth that every other field is compared with.
@@ -27,7 +28,14 @@ impl PathTraced {
 
 impl IrradianceField for PathTraced {
     fn irradiance(&self, caster: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]) {
-        let paths = Paths { caster, mesh: &self.mesh, lights: &self.lights, seed: self.seed };
+        let paths = Paths {
+            caster,
+            mesh: &self.mesh,
+            lights: &self.lights,
+            known: None,
+            seed: self.seed,
+            rays: AtomicU64::new(0),
+        };
         let starts: Vec<Start> = at.iter().map(Start::at).collect();
         irradiance.fill(Rgb::ZERO);
         paths.add_irradiance(&starts, irradiance);

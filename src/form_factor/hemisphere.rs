@@ -8,7 +8,7 @@ use super::transport::{Row, Rows, Transport, gather_rows};
 use super::{Estimator, Hemisphere, OnDemand};
 use crate::color::Rgb64;
 use crate::geometry::{Hit, Ray};
-use crate::patches::PatchId;
+use crate::patches::{Members, PatchId};
 use crate::progress::Stage;
 use crate::sampling::{
     PointSet, Purpose, Stream, cosine_hemisphere, regular_triangle, uniform_triangle,
@@ -163,12 +163,15 @@ impl HemisphereWork {
 
     /// Fills the row with what patch i's rays hit, sorted.
     fn trace(&mut self, of: &Estimator, i: PatchId, row: &mut [u32]) {
-        let side = of.mesh.side(i);
-        let [p0, p1, p2] = side.sampling_area(&of.mesh.triangle(i)).p;
+        let members = Members::of(of.mesh, i);
+        let only =
+            (!of.mesh.is_cluster(i)).then(|| of.mesh.side(i).sampling_area(&of.mesh.triangle(i)));
         let stream = Stream::new(of.seed, Purpose::Hemisphere, i.0 as u64, of.points);
         self.rays.clear();
         self.rays.extend((0..of.samples).map(|k| {
             let [d0, d1, x0, x1] = stream.point(k);
+            let (side, x0) = members.choose(x0);
+            let [p0, p1, p2] = only.unwrap_or_else(|| side.sampling_area(&members.part(side))).p;
             let [l0, l1, l2] = match self.centroids.get(k as usize) {
                 Some(&centroid) => centroid,
                 None => uniform_triangle(x0, x1),

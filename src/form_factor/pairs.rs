@@ -31,6 +31,9 @@ pub struct Facet {
     radius: f32,
 }
 
+/// From nearer than this many times the radius of a facet, points of it are sampled by solid angle.
+const NEAR: f32 = 4.0;
+
 impl Facet {
     pub(crate) fn new(shape: Triangle, side: &Side) -> Self {
         let centroid = shape.centroid();
@@ -51,6 +54,10 @@ impl Facet {
     /// The segment from `from`, a point lifted off a surface with that normal, to a point of the facet, and
     /// the irradiance there per exitance of the facet: cosθ cosθ′ A / (π r²).
     pub(crate) fn seen_from(&self, from: Vec3, normal: Vec3, xi: [f32; 2]) -> Option<(Ray, f32)> {
+        let near = NEAR * self.radius;
+        if from.distance_squared(self.centroid) < near * near {
+            return self.seen_in_solid_angle(from, normal, xi);
+        }
         let y = self.side.lifted(self.at(uniform_triangle(xi[0], xi[1])));
         let d = y - from;
         let (cos_from, cos_here) = (normal.dot(d), -self.side.normal.dot(d));
@@ -59,6 +66,25 @@ impl Facet {
         }
         let r2 = d.length_squared();
         Some((Ray::segment(from, y), (cos_from / r2) * (self.area * (cos_here / r2)) / PI))
+    }
+
+    /// As `seen_from`, with points that are uniform in solid angle: for facets that fill much of the view.
+    fn seen_in_solid_angle(&self, from: Vec3, normal: Vec3, xi: [f32; 2]) -> Option<(Ray, f32)> {
+        let origin = from.as_dvec3();
+        let own_normal = self.side.normal.as_dvec3();
+        let height = own_normal.dot(origin - self.shape.p[0].as_dvec3());
+        if height <= 0.0 {
+            return None;
+        }
+        let seen = SphericalTriangle::new(self.shape.p.map(|p| p.as_dvec3()), origin)?;
+        let direction = seen.direction(xi[0] as f64, xi[1] as f64);
+        let (cos_from, cos_here) = (normal.as_dvec3().dot(direction), -own_normal.dot(direction));
+        if !(cos_from > 0.0 && cos_here > 0.0) {
+            return None;
+        }
+        let y = (origin + direction * (height / cos_here)).as_vec3();
+        let factor = (seen.solid_angle * cos_from) as f32 / PI;
+        Some((Ray::segment(from, self.side.lifted(y)), factor))
     }
 
     /// A lifted point of the facet, from two numbers in [0, 1), and the normal there.

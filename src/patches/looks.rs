@@ -5,7 +5,7 @@
 //! so that its mean over a patch is the value at the centroid.
 
 use super::{Cell, PatchId, PatchMesh, Side};
-use crate::color::Rgb;
+use crate::color::{Rgb, Rgb64};
 use crate::geometry::{Hit, TriangleId};
 use crate::sampling::regular_triangle;
 use crate::scene::texture::{Map, Texture};
@@ -35,10 +35,16 @@ impl Looks {
         let emits = any(scene, |m| m.radiance_map.is_some());
         let all = |wanted: bool, mean: fn(&Place) -> Rgb| -> Vec<Rgb> {
             let patches = if wanted { mesh.len() as u32 } else { 0 };
-            (0..patches).into_par_iter().map(|i| mean(&Place::of(mesh, PatchId(i)))).collect()
+            let of_patch = |i| {
+                mesh.mean_over_members(PatchId(i), |side| mean(&Place::of(mesh, PatchId(i), side)))
+            };
+            (0..patches).into_par_iter().map(of_patch).collect()
         };
         let see_through = if scene.hides_or_opens() { mesh.len() as u32 } else { 0 };
-        let opacity = |i| mesh.shown_opacity(PatchId(i));
+        let opacity = |i| {
+            let of_member = |side: &Side| Rgb::splat(mesh.shown_opacity(PatchId(i), side));
+            mesh.mean_over_members(PatchId(i), of_member).x
+        };
         Looks {
             reflectance: all(reflects, |place| place.mean_reflectance()),
             radiance: all(emits, |place| place.mean_radiance()),
@@ -77,11 +83,25 @@ impl PatchMesh {
             || !self.scene.overlaps().with(side.triangle).is_empty()
     }
 
+    /// The mean by area over the sides of a patch.
+    fn mean_over_members(&self, patch: PatchId, of_member: impl Fn(&Side) -> Rgb) -> Rgb {
+        match self.members(patch) {
+            [side] => of_member(side),
+            sides => {
+                let sum = |side: &Side| of_member(side).as_dvec3() * side.patch_area;
+                (sides.iter().map(sum).sum::<Rgb64>() / self.area(patch)).as_vec3()
+            }
+        }
+    }
+
     /// The mean opacity of what is seen of the patch: above zero, so that no patch loses its area.
-    fn shown_opacity(&self, patch: PatchId) -> f32 {
-        let side = self.side(patch);
-        let opacity = Place::of(self, patch).mean_opacity();
-        let shown = self.scene.shown_share(side.triangle, side.is_back, &self.triangle(patch));
+    fn shown_opacity(&self, patch: PatchId, side: &Side) -> f32 {
+        let opacity = Place::of(self, patch, side).mean_opacity();
+        let part = match self.is_cluster(patch) {
+            true => side.shape(&self.scene),
+            false => self.triangle(patch),
+        };
+        let shown = self.scene.shown_share(side.triangle, side.is_back, &part);
         (opacity * shown as f32).max(1e-6)
     }
 
@@ -146,8 +166,7 @@ struct Place<'m> {
 }
 
 impl<'m> Place<'m> {
-    fn of(mesh: &'m PatchMesh, patch: PatchId) -> Self {
-        let side = mesh.side(patch);
+    fn of(mesh: &'m PatchMesh, patch: PatchId, side: &Side) -> Self {
         let cell = Cell::from_number(side.level, patch.0 - side.first.0);
         let n = f64::from(1u32 << side.level);
         let corner = |(i, j): (u32, u32)| DVec2::new(f64::from(i), f64::from(j)) / n;

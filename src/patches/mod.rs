@@ -3,10 +3,13 @@
 //! Joining the midpoints of a triangle's edges makes 4 triangles of it; doing so `level` times gives
 //! a lattice of n² equal patches with n = 2^level cells along each edge. So no patch is stored: its
 //! corners follow from its number, and the patch under a hit follows from the hit's (u, v): see
-//! [`Cell`].
+//! [`Cell`]. Triangles that are small beside the patches of the others may be put together to one patch, a
+//! cluster.
 
 mod cell;
+mod cluster;
 mod looks;
+mod members;
 mod subdivision;
 mod surface_point;
 
@@ -15,10 +18,12 @@ use crate::error::{Error, Result};
 pub use crate::geometry::triangle::MAX_LEVEL;
 use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use crate::scene::{Material, MaterialId, Scene};
+use crate::settings::PATCHES;
 pub use cell::Cell;
 use glam::Vec3;
 pub(crate) use looks::Look;
 use looks::Looks;
+pub(crate) use members::Members;
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 pub use subdivision::Subdivision;
@@ -48,7 +53,7 @@ pub struct Side {
     pub level: u32,
     /// Its 4^level patches are numbered from here.
     pub first: PatchId,
-    /// Area of each patch, in square units.
+    /// Area of each patch, in square units; on a side that is part of a cluster, the side's own.
     pub patch_area: f64,
     /// See [`Triangle::ray_offset`].
     ray_offset: f32,
@@ -136,52 +141,91 @@ pub struct PatchMesh {
     /// Per triangle: the sides of its front and its back, where they have patches.
     side_of_front: Vec<Option<u32>>,
     side_of_back: Vec<Option<u32>>,
-    /// Per patch: its side.
+    /// Per patch: its side, of a cluster the first.
     side_of_patch: Vec<u32>,
+    /// The edge of the cubes in which clusters lie, if there are some.
+    cube: Option<f32>,
+    /// The areas of the clusters, which have the highest numbers.
+    cluster_areas: Vec<f64>,
     /// What textures and vertex colours make of the patches.
     looks: Looks,
+}
+
+/// How finely a scene is split.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Split {
+    /// Per triangle: how often it is split.
+    pub levels: Vec<u32>,
+    /// The edge of the cubes in which triangles with shorter edges make one patch if they face alike. `None`: each
+    /// triangle has patches of its own.
+    pub cube: Option<f32>,
+}
+
+impl Split {
+    /// The number of patches, about, if every triangle has one side.
+    pub fn patches(&self) -> u64 {
+        let split: u64 = self.levels.iter().map(|&level| 1u64 << (2 * level)).sum();
+        // Where triangles are put together, that is what was aimed at.
+        if self.cube.is_some() { split.min(PATCHES as u64) } else { split }
+    }
 }
 
 impl PatchMesh {
     /// Splits every side that the materials give the triangles.
     ///
     /// # Errors
-    /// See [`Subdivision::levels`].
+    /// See [`Subdivision::split`].
     pub fn subdivide(scene: &Scene, subdivision: Subdivision) -> Result<PatchMesh> {
-        PatchMesh::new(scene, &subdivision.levels(scene)?, &Sides::of_all(scene))
+        PatchMesh::new(scene, &subdivision.split(scene)?, &Sides::of_all(scene))
     }
 
-    /// Splits the given sides, each triangle as often as its level says.
+    /// Makes the patches of the given sides.
     ///
     /// # Errors
-    /// See [`PatchMesh::count`].
-    pub fn new(scene: &Scene, levels: &[u32], sides: &[Sides]) -> Result<PatchMesh> {
-        PatchMesh::count(scene, levels, sides)?;
+    /// See [`PatchMesh::most`].
+    pub fn new(scene: &Scene, split: &Split, sides: &[Sides]) -> Result<PatchMesh> {
+        PatchMesh::most(scene, split, sides)?;
+        let triangles = scene.triangles.len();
         let mut mesh = PatchMesh {
             scene: scene.clone(),
-            sides: Vec::with_capacity(levels.len()),
-            side_of_front: Vec::with_capacity(levels.len()),
-            side_of_back: Vec::with_capacity(levels.len()),
+            sides: Vec::with_capacity(triangles),
+            side_of_front: vec![None; triangles],
+            side_of_back: vec![None; triangles],
             side_of_patch: Vec::new(),
+            cube: split.cube,
+            cluster_areas: Vec::new(),
             looks: Looks::default(),
         };
-        for (index, (&level, sides)) in levels.iter().zip(sides).enumerate() {
-            let triangle = TriangleId(index as u32);
-            let front = sides.front.then(|| mesh.add_side(triangle, level, false));
-            let back = sides.back.then(|| mesh.add_side(triangle, level, true));
-            mesh.side_of_front.push(front);
-            mesh.side_of_back.push(back);
+        let clustered = match split.cube {
+            Some(edge) => cluster::clustered(scene, &split.levels, sides, edge),
+            None => Vec::new(),
+        };
+        let mut left = sides.to_vec();
+        for &(_, triangle, is_back) in &clustered {
+            let left = &mut left[triangle as usize];
+            *if is_back { &mut left.back } else { &mut left.front } = false;
+        }
+        for (index, (&level, sides)) in split.levels.iter().zip(&left).enumerate() {
+            for (is_there, is_back) in [(sides.front, false), (sides.back, true)] {
+                if is_there {
+                    mesh.add_side(TriangleId(index as u32), level, is_back);
+                }
+            }
+        }
+        for cluster in clustered.chunk_by(|a, b| a.0 == b.0) {
+            mesh.add_cluster(cluster.iter().map(|&(_, t, is_back)| (TriangleId(t), is_back)));
         }
         mesh.looks = Looks::of(&mesh);
         Ok(mesh)
     }
 
-    /// The number of patches that [`PatchMesh::new`] would make.
+    /// The number of patches that [`PatchMesh::new`] would make at most: without clusters.
     ///
     /// # Errors
     /// Lists of another length than that of the triangles, a level above [`MAX_LEVEL`], or more patches
     /// than can be numbered.
-    pub fn count(scene: &Scene, levels: &[u32], sides: &[Sides]) -> Result<usize> {
+    pub fn most(scene: &Scene, split: &Split, sides: &[Sides]) -> Result<usize> {
+        let levels = &split.levels;
         for (count, what) in [(levels.len(), "levels of subdivision"), (sides.len(), "sides")] {
             if count != scene.triangles.len() {
                 return Err(Error::new(format!(
@@ -197,10 +241,11 @@ impl PatchMesh {
         check_count(levels, patches.fold(0, u64::saturating_add))
     }
 
-    /// How often each triangle is split; 0 where it has no patches.
-    pub fn levels(&self) -> Vec<u32> {
+    /// How finely the scene is split; a level is 0 where a triangle has no patches.
+    pub fn split(&self) -> Split {
         let any = self.side_of_front.iter().zip(&self.side_of_back).map(|(f, b)| f.or(*b));
-        any.map(|side| side.map_or(0, |side| self.sides[side as usize].level)).collect()
+        let level = |side: Option<u32>| side.map_or(0, |side| self.sides[side as usize].level);
+        Split { levels: any.map(level).collect(), cube: self.cube }
     }
 
     /// The sides of each triangle that have patches.
@@ -209,18 +254,58 @@ impl PatchMesh {
         both.map(|(f, b)| Sides { front: f.is_some(), back: b.is_some() }).collect()
     }
 
-    fn add_side(&mut self, triangle: TriangleId, level: u32, is_back: bool) -> u32 {
-        let number = self.sides.len() as u32;
+    fn add_side(&mut self, triangle: TriangleId, level: u32, is_back: bool) {
         let whole = Side::new(&self.scene, triangle, is_back);
-        let side = Side {
+        let number = self.keep(Side {
             level,
             first: PatchId(self.side_of_patch.len() as u32),
             patch_area: whole.patch_area / (1u64 << (2 * level)) as f64,
             ..whole
-        };
-        self.side_of_patch.resize(self.side_of_patch.len() + side.patch_count(), number);
+        });
+        let patches = self.side_of_patch.len() + (1 << (2 * level));
+        self.side_of_patch.resize(patches, number);
+    }
+
+    fn add_cluster(&mut self, members: impl Iterator<Item = (TriangleId, bool)>) {
+        let (first, side) = (PatchId(self.side_of_patch.len() as u32), self.sides.len() as u32);
+        let mut area = 0.0;
+        for (triangle, is_back) in members {
+            let whole = Side::new(&self.scene, triangle, is_back);
+            area += whole.patch_area;
+            self.keep(Side { first, ..whole });
+        }
+        self.side_of_patch.push(side);
+        self.cluster_areas.push(area);
+    }
+
+    fn keep(&mut self, side: Side) -> u32 {
+        let number = self.sides.len() as u32;
+        let of_triangle =
+            if side.is_back { &mut self.side_of_back } else { &mut self.side_of_front };
+        of_triangle[side.triangle.index()] = Some(number);
         self.sides.push(side);
         number
+    }
+
+    /// The patches from this one on are clusters.
+    fn first_cluster(&self) -> usize {
+        self.side_of_patch.len() - self.cluster_areas.len()
+    }
+
+    /// Whether the patch may consist of several sides.
+    pub fn is_cluster(&self, patch: PatchId) -> bool {
+        patch.index() >= self.first_cluster()
+    }
+
+    /// The sides that the patch is part of, or of which it consists.
+    pub fn members(&self, patch: PatchId) -> &[Side] {
+        let first = self.side_of_patch[patch.index()] as usize;
+        if !self.is_cluster(patch) {
+            return std::slice::from_ref(&self.sides[first]);
+        }
+        let end =
+            self.side_of_patch.get(patch.index() + 1).map_or(self.sides.len(), |s| *s as usize);
+        &self.sides[first..end]
     }
 
     /// Number of patches.
@@ -236,6 +321,7 @@ impl PatchMesh {
         &self.sides
     }
 
+    /// The side of a patch; of a cluster the first.
     #[inline]
     pub fn side(&self, patch: PatchId) -> &Side {
         &self.sides[self.side_of_patch[patch.index()] as usize]
@@ -248,7 +334,10 @@ impl PatchMesh {
     /// Area of the patch, in square units.
     #[inline]
     pub fn area(&self, patch: PatchId) -> f64 {
-        self.side(patch).patch_area
+        match patch.index().checked_sub(self.first_cluster()) {
+            Some(cluster) => self.cluster_areas[cluster],
+            None => self.side(patch).patch_area,
+        }
     }
 
     /// The part of the patch's area that stops light, in square units: where it is not opaque, light goes
@@ -305,13 +394,19 @@ impl PatchMesh {
     /// The patch that a ray meets at a hit, or `None` for a black side.
     #[inline]
     pub fn patch_hit(&self, ray: &Ray, hit: &Hit) -> Option<PatchId> {
-        let side = self.side_hit(ray, hit)?;
-        let (cell, ..) = Cell::containing(side.level, hit.u, hit.v);
-        Some(PatchId(side.first.0 + cell.number(side.level)))
+        self.side_hit(ray, hit).map(|side| self.patch_at(side, hit))
     }
 
-    /// The patch as a triangle, wound so that its normal is its side's.
+    /// The patch of a side at a hit.
+    #[inline]
+    pub fn patch_at(&self, side: &Side, hit: &Hit) -> PatchId {
+        let (cell, ..) = Cell::containing(side.level, hit.u, hit.v);
+        PatchId(side.first.0 + cell.number(side.level))
+    }
+
+    /// The patch as a triangle, wound so that its normal is its side's. Not for clusters.
     pub fn triangle(&self, patch: PatchId) -> Triangle {
+        debug_assert!(!self.is_cluster(patch), "a cluster is no triangle");
         let side = self.side(patch);
         let cell = Cell::from_number(side.level, patch.0 - side.first.0);
         let shape = &self.scene.triangles[side.triangle.index()];

@@ -22,8 +22,8 @@ pub struct SurfacePoint<'m> {
 /// Which sample of a picture a point belongs to: the random numbers of an estimate at the point follow from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SampleId {
-    /// Counted row by row from the top left.
-    pub pixel: u64,
+    /// The pixel's column and row, from the top left.
+    pub pixel: [u32; 2],
     /// Within the pixel.
     pub number: u32,
 }

@@ -1,20 +1,23 @@
 //! Pictures: rays through the pixels, and the radiance of what they meet.
 
+mod frame;
+pub(crate) mod gather;
+mod samples;
 pub(crate) mod tone;
 
 use crate::color::{Rgb, luminance};
 use crate::field::IrradianceField;
-use crate::geometry::{Hit, Ray, RayCaster};
-use crate::patches::{Look, PatchMesh, SampleId, SurfacePoint};
+use crate::geometry::RayCaster;
+use crate::patches::{Look, PatchMesh};
 use crate::progress::{Progress, Stage};
-use crate::sampling::{PointSet, Purpose, Stream};
-use crate::scene::{Camera, Scene};
-use crate::settings::Settings;
+use crate::scene::Camera;
+pub use frame::{Background, Frame};
 use rayon::prelude::*;
+use samples::{Eye, Samples, Wanted};
 use std::f32::consts::PI;
 
 /// Linear radiance in W·sr⁻¹·m⁻², row by row from the top left.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Image {
     pub width: u32,
     pub height: u32,
@@ -22,56 +25,36 @@ pub struct Image {
     /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit; 0 where there
     /// are none. An exposure is found from these.
     pub reflecting: Vec<f32>,
+    /// Rays that were traced for it; 0 if they were counted with another picture.
+    pub rays: u64,
+    /// Per pixel, the standard error of its luminance; empty where it was not estimated.
+    pub error: Vec<f32>,
     /// Per pixel, the share of its samples that met the scene, in [0, 1]; empty unless the background is
     /// transparent.
     pub coverage: Vec<f32>,
 }
 
-/// What is seen behind the scene.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Background {
-    Radiance(Rgb),
-    /// Nothing: pictures have an alpha channel.
-    Transparent,
-}
+/// Of a picture's mean luminance: pixels that are darker than this need not be good relative to their own.
+const DARK: f32 = 0.05;
 
-/// Size and sampling of a picture.
-#[derive(Debug, Clone, Copy)]
-pub struct Frame {
-    pub width: u32,
-    pub height: u32,
-    /// Samples per pixel.
-    pub samples: u32,
-    pub seed: u64,
-    /// What a ray shows that leaves the scene. `None`: the scene's radiance.
-    pub background: Option<Background>,
-}
-
-impl Frame {
-    /// Samples per pixel unless another number is asked for.
-    pub const SAMPLES: u32 = 16;
-
-    /// Width and height in pixels unless others are asked for.
-    pub const SIZE: [u32; 2] = [640, 480];
-
-    /// A picture of this size in pixels.
-    pub fn new(width: u32, height: u32) -> Frame {
-        Frame { width, height, samples: Frame::SAMPLES, seed: Settings::SEED, background: None }
-    }
-
-    /// The number of the pixel at (x, y), row by row from the top left.
-    fn pixel_number(&self, (x, y): (usize, usize)) -> u64 {
-        y as u64 * self.width as u64 + x as u64
-    }
-
-    pub fn rays(&self) -> u64 {
-        self.width as u64 * self.height as u64 * self.samples as u64
+impl Image {
+    /// The root mean square over the pixels of the standard error, as a share of the pixel's luminance and 5 % of
+    /// the picture's mean. `None` where no error was estimated.
+    pub fn relative_error(&self) -> Option<f32> {
+        if self.error.is_empty() {
+            return None;
+        }
+        let mean =
+            |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / self.error.len() as f64;
+        let dark = DARK as f64 * mean(&mut self.pixels.iter().map(|p| luminance(*p) as f64));
+        let share = |(error, pixel): (&f32, &Rgb)| {
+            *error as f64 / (luminance(*pixel) as f64 + dark).max(f64::MIN_POSITIVE)
+        };
+        let squares =
+            mean(&mut self.error.iter().zip(&self.pixels).map(|pair| share(pair).powi(2)));
+        Some(squares.sqrt() as f32)
     }
 }
-
-/// Samples that are drawn together, if not more belong to one pixel. Each step of drawing is a loop over them,
-/// and their rays, hits and points stay in the processor's nearest cache.
-const TILE: usize = 128;
 
 /// Draws one image per field, all from the same rays. What a ray meets shows L + ρH/π by its own material.
 ///
@@ -85,9 +68,9 @@ pub fn render(
     fields: &[&dyn IrradianceField],
     progress: &dyn Progress,
 ) -> Vec<Image> {
-    let shot = Shot { caster, mesh, camera, frame, fields };
+    let shot = Shot { eye: Eye { caster, mesh, camera, frame }, fields };
     let row_length = frame.width as usize * fields.len();
-    let tile = (TILE / frame.samples.max(1) as usize).max(1);
+    let tile = samples::pixels_per_tile(frame);
     progress.begin(Stage::Render, Some(frame.height as u64));
     let mut rows = vec![Pixel::default(); row_length * frame.height as usize];
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
@@ -113,6 +96,8 @@ pub fn render(
             height: frame.height,
             pixels: pixels().map(|p| p.radiance).collect(),
             reflecting: pixels().map(|p| p.reflecting).collect(),
+            error: Vec::new(),
+            rays: if field == 0 { frame.rays() } else { 0 },
             coverage: if is_transparent { coverage() } else { Vec::new() },
         }
     };
@@ -128,7 +113,7 @@ pub fn pixel(
     at: (usize, usize),
     field: &dyn IrradianceField,
 ) -> Rgb {
-    let shot = Shot { caster, mesh, camera, frame, fields: &[field] };
+    let shot = Shot { eye: Eye { caster, mesh, camera, frame }, fields: &[field] };
     let mut pixel = [Pixel::default()];
     Work::default().draw(&shot, at, &mut pixel);
     pixel[0].radiance
@@ -136,10 +121,7 @@ pub fn pixel(
 
 /// Everything that the pixels of a picture have in common.
 struct Shot<'a> {
-    caster: &'a dyn RayCaster,
-    mesh: &'a PatchMesh,
-    camera: &'a Camera,
-    frame: &'a Frame,
+    eye: Eye<'a>,
     fields: &'a [&'a dyn IrradianceField],
 }
 
@@ -151,93 +133,33 @@ struct Pixel {
     coverage: f32,
 }
 
-/// How many samples of a pixel met a side with patches, and how many nothing.
-struct Tally {
-    points: usize,
-    misses: usize,
-}
-
 /// One thread's buffers, for the samples of a tile.
 #[derive(Default)]
 struct Work<'m> {
-    rays: Vec<Ray>,
-    hits: Vec<Option<Hit>>,
-    points: Vec<SurfacePoint<'m>>,
-    /// One per point where the scene has textures or vertex colours; else empty.
-    looks: Vec<Look>,
+    wanted: Vec<Wanted>,
+    samples: Samples<'m>,
     irradiance: Vec<Rgb>,
-    /// One per pixel.
-    tallies: Vec<Tally>,
 }
 
 impl<'m> Work<'m> {
     /// Draws the pixels of a row from (x, y) on; `pixels` has one entry per pixel and field.
     fn draw(&mut self, shot: &Shot<'m>, from: (usize, usize), pixels: &mut [Pixel]) {
-        let (mesh, fields) = (shot.mesh, shot.fields);
-        self.aim(shot, from, pixels.len() / fields.len());
-        shot.caster.nearest_batch(&self.rays, &mut self.hits);
-        self.meet(shot, from);
-        if mesh.varies() {
-            self.look(mesh, sample_width(shot.camera, shot.frame));
-        }
-        self.irradiance.resize(self.points.len(), Rgb::ZERO);
+        let (eye, fields) = (&shot.eye, shot.fields);
+        let (x, y, to) = (from.0, from.1, eye.frame.samples);
+        let wanted = (x..x + pixels.len() / fields.len()).map(|x| Wanted { x, y, from: 0, to });
+        self.wanted.clear();
+        self.wanted.extend(wanted);
+        self.samples.take(eye, &self.wanted);
+        self.irradiance.resize(self.samples.points.len(), Rgb::ZERO);
         for (number, field) in fields.iter().enumerate() {
-            field.irradiance(shot.caster, &self.points, &mut self.irradiance);
+            field.irradiance(eye.caster, &self.samples.points, &mut self.irradiance);
             let of_field = pixels.iter_mut().skip(number).step_by(fields.len());
-            if mesh.varies() {
-                self.shade(shot, of_field, |k| self.looks[k]);
+            if eye.mesh.varies() {
+                self.shade(eye, of_field, |k| self.samples.looks[k]);
             } else {
-                self.shade(shot, of_field, |k| plain_look(&mesh.scene, &self.points[k]));
+                self.shade(eye, of_field, |k| self.samples.plain_look(eye, k));
             }
         }
-    }
-
-    /// Sets the rays through `count` pixels.
-    fn aim(&mut self, shot: &Shot, (x, y): (usize, usize), count: usize) {
-        let (camera, frame) = (shot.camera, shot.frame);
-        let (width, height) = (frame.width as f32, frame.height as f32);
-        let aspect = width / height;
-        self.rays.clear();
-        for x in x..x + count {
-            let number = frame.pixel_number((x, y));
-            let stream = Stream::new(frame.seed, Purpose::Pixel, number, PointSet::Sobol);
-            self.rays.extend((0..frame.samples).map(|k| {
-                let [dx, dy, ..] = stream.point(k);
-                camera.ray((x as f32 + dx) / width, (y as f32 + dy) / height, aspect)
-            }));
-        }
-    }
-
-    /// Finds the points that were hit, and counts them per pixel.
-    fn meet(&mut self, shot: &Shot<'m>, from: (usize, usize)) {
-        self.points.clear();
-        self.tallies.clear();
-        let samples = shot.frame.samples.max(1) as usize;
-        let pixels = shot.frame.pixel_number(from)..;
-        let of_pixels = self.rays.chunks(samples).zip(self.hits.chunks(samples));
-        for (pixel, (rays, hits)) in pixels.zip(of_pixels) {
-            let before = self.points.len();
-            let met = (0..).zip(rays.iter().zip(hits));
-            self.points.extend(met.filter_map(|(number, (ray, hit))| {
-                SurfacePoint::hit(shot.mesh, ray, &(*hit)?, SampleId { pixel, number })
-            }));
-            let misses = hits.iter().filter(|hit| hit.is_none()).count();
-            self.tallies.push(Tally { points: self.points.len() - before, misses });
-        }
-    }
-
-    /// Looks at the textures where the rays met sides; `width` is the footprint of a sample at depth 1.
-    fn look(&mut self, mesh: &PatchMesh, width: f32) {
-        self.looks.clear();
-        let samples = self.rays.iter().zip(&self.hits);
-        let met = samples.filter_map(|(ray, hit)| {
-            let hit = (*hit)?;
-            let side = mesh.side_hit(ray, &hit)?;
-            // The projection of a disc on the surface is longer by 1 / cosθ.
-            let cos = side.normal.dot(ray.direction).abs() / ray.direction.length();
-            Some(mesh.look(side, &hit, width * hit.t / cos))
-        });
-        self.looks.extend(met);
     }
 
     /// Sets the pixels to the means of their samples in the field that gave the irradiance; `look` gives the look
@@ -245,22 +167,19 @@ impl<'m> Work<'m> {
     #[inline(always)]
     fn shade<'p>(
         &self,
-        shot: &Shot,
+        eye: &Eye,
         pixels: impl Iterator<Item = &'p mut Pixel>,
         look: impl Fn(usize) -> Look,
     ) {
-        let background = match shot.frame.background {
-            None => shot.mesh.scene.background,
-            Some(Background::Radiance(radiance)) => radiance,
-            Some(Background::Transparent) => Rgb::ZERO,
-        };
+        let background = eye.background();
         let mut first = 0;
-        for (pixel, tally) in pixels.zip(&self.tallies) {
+        for (pixel, tally) in pixels.zip(&self.samples.tallies) {
             let mut sum = background * tally.misses as f32;
             let (mut reflecting, mut count) = (Rgb::ZERO, 0);
             for k in first..first + tally.points {
                 let Look { radiance, reflectance } = look(k);
-                let emitted = if self.points[k].side.radiates { radiance } else { Rgb::ZERO };
+                let emitted =
+                    if self.samples.points[k].side.radiates { radiance } else { Rgb::ZERO };
                 let reflected = reflectance * self.irradiance[k] / PI;
                 sum += emitted + reflected;
                 if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
@@ -269,23 +188,9 @@ impl<'m> Work<'m> {
                 }
             }
             first += tally.points;
-            pixel.radiance = sum / shot.frame.samples as f32;
+            pixel.radiance = sum / eye.frame.samples as f32;
             pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
-            pixel.coverage = 1.0 - tally.misses as f32 / shot.frame.samples as f32;
+            pixel.coverage = 1.0 - tally.misses as f32 / eye.frame.samples as f32;
         }
     }
-}
-
-/// The look of a point without textures.
-#[inline(always)]
-fn plain_look(scene: &Scene, point: &SurfacePoint) -> Look {
-    let material = &scene.materials[point.side.material.0 as usize];
-    Look { radiance: material.radiance, reflectance: material.reflectance }
-}
-
-/// How wide the part of a pixel is that a sample stands for, at depth 1. The samples share the pixel's area.
-fn sample_width(camera: &Camera, frame: &Frame) -> f32 {
-    let aspect = frame.width as f32 / frame.height as f32;
-    let at = |y: f32| camera.ray(0.5, y, aspect).direction;
-    at(0.5).distance(at(0.5 + 1.0 / frame.height as f32)) / (frame.samples as f32).sqrt()
 }

@@ -50,6 +50,8 @@ mod tests {
             height: 1,
             pixels: values.iter().map(|(v, _)| Rgb::splat(*v)).collect(),
             reflecting: values.iter().map(|(v, lamp)| if *lamp { 0.0 } else { *v }).collect(),
+            rays: 0,
+            error: vec![],
             coverage: vec![],
         }
     }

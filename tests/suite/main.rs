@@ -6,6 +6,7 @@ mod cases;
 mod cli;
 #[cfg(feature = "embree")]
 mod equivalence;
+mod fields;
 mod form_factor;
 mod formats;
 mod overlaps;

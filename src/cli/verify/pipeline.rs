@@ -83,13 +83,13 @@ fn patches(
 ) -> Result<PatchMesh> {
     let sides = lit_sides(scene, caster, seed);
     if document.patches != PatchSettings::default() {
-        let levels = Subdivision::of(&document.patches).levels(scene)?;
-        let mesh = PatchMesh::new(scene, &levels, &sides)?;
+        let split = Subdivision::of(&document.patches).split(scene)?;
+        let mesh = PatchMesh::new(scene, &split, &sides)?;
         if mesh.len() <= MOST_PATCHES {
             return Ok(mesh);
         }
     }
-    PatchMesh::new(scene, &Subdivision::Count(MOST_PATCHES).levels(scene)?, &sides)
+    PatchMesh::new(scene, &Subdivision::Count(MOST_PATCHES).split(scene)?, &sides)
 }
 
 impl Display for PipelineReport {

@@ -1,0 +1,327 @@
+//! Soft light, averaged over neighbouring pixels.
+//!
+//! Around each spot a linear model of the irradiance, in position and normal, is fitted to the spots of like
+//! surface in a window (Moon, Carr & Yoon, *Adaptive Rendering Based on Weighted Local Regression*, ACM TOG 33(5),
+//! 2014), once to each half of the rays. A wide window averages more noise away and follows the light less. How
+//! wide it is decides the other half: what the model of one half leaves over of the other's values is the sum of
+//! both errors, so the window that leaves least is best (Rousselle, Manzi & Zwicker, *Robust Denoising using Feature
+//! and Color Information*, CGF 32(7), 2013; Bitterli et al., *Nonlinearly Weighted First-order Regression*, CGF
+//! 35(4), 2016). With more rays the best window shrinks, and with it what the filter does wrong.
+
+use super::spot::{Spot, in_one_plane};
+use crate::color::{Rgb, luminance};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// The windows' radii in pixels; the first is the spot alone.
+const RADII: [i32; 5] = [0, 1, 2, 4, 8];
+/// Beyond this radius every other pixel is looked at.
+const DENSE: i32 = 4;
+/// Spots whose normals differ by more are of another surface: 45°.
+const LIKE: f32 = 0.7;
+/// A constant, three coordinates of the position, three of the normal.
+const FEATURES: usize = 7;
+/// The radius over which what the models leave over is averaged.
+const AROUND: i32 = 3;
+/// Against features that do not vary, as a share of the constant's weight.
+const RIDGE: f32 = 1e-3;
+
+/// The spots of a whole picture, ready to be averaged.
+pub(super) struct Filter {
+    width: usize,
+    spots: Vec<Known>,
+    /// Per pixel, and one more: where its spots begin.
+    first: Vec<u32>,
+}
+
+/// A spot's means.
+struct Known {
+    position: Vec3,
+    normal: Vec3,
+    halves: [Rgb; 2],
+    /// The share of its pixel. Not the number of its rays: where these are many, the light of the pixels around was
+    /// bright by chance, and that would count too little.
+    weight: f32,
+}
+
+/// The soft light of a spot.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Soft {
+    /// H in W·m⁻².
+    pub irradiance: Rgb,
+    /// The variance of its luminance, from the two halves of the rays. What averaging smooths away is not in it.
+    pub variance: f32,
+}
+
+/// A spot's irradiance as the models of the windows give it.
+#[derive(Clone, Copy, Default)]
+struct Models {
+    soft: [Soft; RADII.len()],
+    /// What each model leaves over.
+    left: [f32; RADII.len()],
+}
+
+impl Filter {
+    /// `pixels`: the spots of each pixel, row by row.
+    pub(super) fn new<'s>(width: usize, pixels: impl Iterator<Item = &'s [Spot]>) -> Self {
+        let (mut spots, mut first) = (Vec::new(), vec![0]);
+        for pixel in pixels {
+            spots.extend(pixel.iter().map(|spot| Known {
+                position: spot.position(),
+                normal: spot.normal(),
+                halves: spot.halves(),
+                weight: spot.samples() / pixel.iter().map(Spot::samples).sum::<f32>(),
+            }));
+            first.push(spots.len() as u32);
+        }
+        Filter { width, spots, first }
+    }
+
+    fn of_pixel(&self, pixel: usize) -> Range<usize> {
+        self.first[pixel] as usize..self.first[pixel + 1] as usize
+    }
+
+    fn height(&self) -> usize {
+        (self.first.len() - 1) / self.width.max(1)
+    }
+
+    /// The soft light of every spot.
+    pub(super) fn filtered(&self) -> Vec<Soft> {
+        let models = self.of_all_spots(|pixel, spot| self.models(pixel, spot));
+        self.of_all_spots(|pixel, spot| {
+            let (mut left, mut variance) = ([0.0; RADII.len()], [0.0; RADII.len()]);
+            let mut count = 0.0;
+            self.for_each_neighbour(pixel, spot, 0..=AROUND, |_, k| {
+                count += 1.0;
+                for radius in 0..RADII.len() {
+                    left[radius] += models[k].left[radius];
+                    variance[radius] += models[k].soft[radius].variance;
+                }
+            });
+            let best = (0..RADII.len()).min_by(|&a, &b| left[a].total_cmp(&left[b]));
+            let best = best.expect("there are some");
+            Soft { variance: variance[best] / count, ..models[spot].soft[best] }
+        })
+    }
+
+    fn of_all_spots<T: Send>(&self, make: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
+        let of_row = |y: usize| {
+            let pixels = y * self.width..(y + 1) * self.width;
+            pixels.flat_map(|pixel| self.of_pixel(pixel).map(move |spot| (pixel, spot)))
+        };
+        let rows = (0..self.height()).into_par_iter();
+        let of_rows: Vec<Vec<T>> =
+            rows.map(|y| of_row(y).map(|(p, s)| make(p, s)).collect()).collect();
+        of_rows.into_iter().flatten().collect()
+    }
+
+    /// Visits the spots of like surface in a square ring about a pixel, the spot's own among them.
+    fn for_each_neighbour(
+        &self,
+        pixel: usize,
+        spot: usize,
+        ring: std::ops::RangeInclusive<i32>,
+        mut visit: impl FnMut(i32, usize),
+    ) {
+        let (x, y) = ((pixel % self.width) as i32, (pixel / self.width) as i32);
+        let (from, to) = (*ring.start(), *ring.end());
+        let centre = &self.spots[spot];
+        let rows = (y - to).max(0)..(y + to + 1).min(self.height() as i32);
+        for row in rows {
+            let columns = (x - to).max(0)..(x + to + 1).min(self.width as i32);
+            for column in columns {
+                let distance = (row - y).abs().max((column - x).abs());
+                let skipped = distance > DENSE && (row + column) % 2 != 0;
+                if distance < from || skipped {
+                    continue;
+                }
+                let neighbour = row as usize * self.width + column as usize;
+                for k in self.of_pixel(neighbour) {
+                    let is_own = k == spot;
+                    let other = &self.spots[k];
+                    let like = centre.normal.dot(other.normal) > LIKE
+                        && in_one_plane(
+                            other.position - centre.position,
+                            centre.normal,
+                            other.normal,
+                        );
+                    if is_own || (like && neighbour != pixel) {
+                        visit(distance, k);
+                    }
+                }
+            }
+        }
+    }
+
+    fn models(&self, pixel: usize, spot: usize) -> Models {
+        let centre = &self.spots[spot];
+        let mut models = Models::default();
+        let mut sums = Sums::default();
+        let scale = self.scale(pixel, spot);
+        let mut from = 0;
+        for (number, &radius) in RADII.iter().enumerate() {
+            self.for_each_neighbour(pixel, spot, from..=radius, |_, k| {
+                sums.add(centre, &self.spots[k], scale);
+            });
+            from = radius + 1;
+            let halves = if radius == 0 { centre.halves } else { sums.at_centre() };
+            let difference = luminance(halves[0]) - luminance(halves[1]);
+            models.soft[number] = Soft {
+                irradiance: (halves[0] + halves[1]) / 2.0,
+                variance: difference * difference / 4.0,
+            };
+            models.left[number] = left_over(halves, centre.halves);
+        }
+        models
+    }
+
+    /// One over the largest distance in the widest window.
+    fn scale(&self, pixel: usize, spot: usize) -> f32 {
+        let mut farthest = 0.0f32;
+        self.for_each_neighbour(pixel, spot, 0..=2, |_, k| {
+            let way = self.spots[k].position - self.spots[spot].position;
+            farthest = farthest.max(way.length_squared());
+        });
+        if farthest > 0.0 { 0.5 / farthest.sqrt() } else { 1.0 }
+    }
+}
+
+/// What the models of both halves leave over of the other half's values, less what they have too much because
+/// each rests on half of the rays.
+fn left_over(models: [Rgb; 2], values: [Rgb; 2]) -> f32 {
+    let squared = |a: Rgb, b: Rgb| (a - b).length_squared();
+    let crossed = squared(models[0], values[1]) + squared(models[1], values[0]);
+    0.5 * crossed - 0.25 * squared(models[0], models[1])
+}
+
+/// Eight numbers, of which the last may be unused: loops over them are one instruction.
+type Row = [f32; 8];
+
+/// The sums of a least-squares fit, row by row.
+#[derive(Default)]
+struct Sums {
+    /// Σ w x xᵀ.
+    products: [Row; FEATURES],
+    /// Σ w x y, for each half's three channels.
+    values: [Row; FEATURES],
+}
+
+impl Sums {
+    fn add(&mut self, centre: &Known, other: &Known, scale: f32) {
+        let place = (other.position - centre.position) * scale;
+        let turn: Vec3 = (other.normal - centre.normal) * 2.0;
+        let x = [1.0, place.x, place.y, place.z, turn.x, turn.y, turn.z, 0.0];
+        let [a, b] = other.halves;
+        let y = [a.x, a.y, a.z, b.x, b.y, b.z, 0.0, 0.0];
+        let rows = self.products.iter_mut().zip(&mut self.values);
+        for ((products, values), of_row) in rows.zip(x) {
+            add_scaled(products, other.weight * of_row, &x);
+            add_scaled(values, other.weight * of_row, &y);
+        }
+    }
+
+    /// The model's values where all features are 0, per half.
+    fn at_centre(&self) -> [Rgb; 2] {
+        let (mut products, mut values) = (self.products, self.values);
+        let ridge = RIDGE * products[0][0];
+        for (i, row) in products.iter_mut().enumerate().skip(1) {
+            row[i] += ridge;
+        }
+        // Gauss's elimination from the last feature up: what is left in the first row is the constant's.
+        for k in (1..FEATURES).rev() {
+            let (above, from_pivot) = products.split_at_mut(k);
+            let (values_above, values_from_pivot) = values.split_at_mut(k);
+            for (row, values) in above.iter_mut().zip(values_above) {
+                let factor = -row[k] / from_pivot[0][k];
+                add_scaled(row, factor, &from_pivot[0]);
+                add_scaled(values, factor, &values_from_pivot[0]);
+            }
+        }
+        let [r0, g0, b0, r1, g1, b1, ..] = values[0].map(|y| y / products[0][0]);
+        [Rgb::new(r0, g0, b0), Rgb::new(r1, g1, b1)]
+    }
+}
+
+#[inline(always)]
+fn add_scaled(to: &mut Row, factor: f32, row: &Row) {
+    to.iter_mut().zip(row).for_each(|(sum, x)| *sum += factor * x);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::{PointSet, Purpose, Stream};
+
+    const SIZE: usize = 24;
+
+    /// Spots of a square that faces z, one per pixel; `at` gives the normal, and each half's irradiance.
+    fn filter(at: impl Fn(usize, usize) -> (Vec3, [f32; 2])) -> Filter {
+        let pixel = |p: usize| {
+            let (x, y) = (p % SIZE, p / SIZE);
+            let (normal, halves) = at(x, y);
+            let position = Vec3::new(x as f32, y as f32, 0.0);
+            Known { position, normal, halves: halves.map(Rgb::splat), weight: 1.0 }
+        };
+        let pixels = SIZE * SIZE;
+        Filter {
+            width: SIZE,
+            spots: (0..pixels).map(pixel).collect(),
+            first: (0..=pixels as u32).collect(),
+        }
+    }
+
+    /// A number in [−1, 1) of each pixel and half.
+    fn noise(x: usize, y: usize) -> [f32; 2] {
+        let [a, b, ..] =
+            Stream::new(5, Purpose::Bench, (x * SIZE + y) as u64, PointSet::Random).point(0);
+        [2.0 * a - 1.0, 2.0 * b - 1.0]
+    }
+
+    #[test]
+    fn light_that_is_linear_in_the_place_passes_unchanged() {
+        let light = |x: usize, y: usize| 3.0 + 0.1 * x as f32 - 0.05 * y as f32;
+        let filter = filter(|x, y| (Vec3::Z, [light(x, y); 2]));
+        for (p, found) in filter.filtered().into_iter().enumerate() {
+            let expected = light(p % SIZE, p / SIZE);
+            // The ridge pulls the slope at the picture's rim, where windows are one-sided.
+            assert!(
+                (found.irradiance.x - expected).abs() < 2e-3 * expected,
+                "{p}: {} and {expected}",
+                found.irradiance
+            );
+        }
+    }
+
+    #[test]
+    fn noise_is_averaged_away() {
+        let filter = filter(|x, y| (Vec3::Z, noise(x, y).map(|n| 1.0 + 0.2 * n)));
+        let squares = |values: Vec<f32>| {
+            values.iter().map(|v| (v - 1.0).powi(2)).sum::<f32>() / values.len() as f32
+        };
+        let before =
+            squares(filter.spots.iter().map(|s| (s.halves[0].x + s.halves[1].x) / 2.0).collect());
+        let after = squares(filter.filtered().iter().map(|v| v.irradiance.x).collect());
+        // The window of 5 x 5 pixels alone divides the variance by 25, and at the rim, where the model reaches out of
+        // its window, by less than half of that.
+        assert!(after < before / 8.0, "{before} and {after}");
+    }
+
+    #[test]
+    fn an_edge_of_the_surface_and_an_edge_of_light_without_noise_stay_sharp() {
+        let half = SIZE / 2;
+        let turned =
+            filter(|x, _| if x < half { (Vec3::Z, [1.0; 2]) } else { (Vec3::X, [5.0; 2]) });
+        let lit = filter(|x, _| (Vec3::Z, if x < half { [1.0; 2] } else { [5.0; 2] }));
+        for filter in [turned, lit] {
+            for (p, found) in filter.filtered().into_iter().enumerate() {
+                let expected = if p % SIZE < half { 1.0 } else { 5.0 };
+                assert!(
+                    (found.irradiance.x - expected).abs() < 1e-3,
+                    "{p}: {} and {expected}",
+                    found.irradiance
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! Pictures by final gathering: direct light at every sample, indirect light by rays that read the solution.
+//!
+//! What a pixel shows falls into two parts. Emission and light straight from sampled lights are sharp: they are
+//! estimated at each sample, so that shadows are as sharp as the pixels, whatever the patches. All other light
+//! is soft: at each sample rays are sent out that read the radiosity of the patches that they meet. Reflectance is
+//! divided out of it, and it is averaged over neighbouring pixels as far as two independent halves of the
+//! rays agree that this helps (see [`filter`]).
+
+mod filter;
+mod picture;
+mod rounds;
+mod row;
+mod spot;
+mod work;
+
+use super::samples::Eye;
+use super::{Frame, Image};
+use crate::color::{Rgb, Rgb64};
+use crate::geometry::RayCaster;
+use crate::patches::{PatchId, PatchMesh};
+use crate::paths::{Known, Lights, Paths};
+use crate::progress::Progress;
+use crate::scene::Camera;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+
+/// The light of a solution, as rays that are gathered read it.
+pub(crate) struct Gathered {
+    mesh: Arc<PatchMesh>,
+    lights: Lights,
+    /// Per patch.
+    known: Vec<Known>,
+    seed: u64,
+}
+
+impl Gathered {
+    /// `irradiance` in W·m⁻², and the uncovered share of its area, per patch.
+    pub(crate) fn new(
+        mesh: &Arc<PatchMesh>,
+        irradiance: &[Rgb64],
+        uncovered: &[f64],
+        seed: u64,
+    ) -> Self {
+        let lights = Lights::of(mesh);
+        let known =
+            irradiance.iter().zip(uncovered).enumerate().map(|(i, (irradiance, &share))| {
+                let patch = PatchId(i as u32);
+                // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
+                let share = if share > 0.0 { share } else { 1.0 };
+                let reflected = mesh.reflectance(patch) * (*irradiance / share).as_vec3();
+                let emitted = if lights.are_sampled() { Rgb::ZERO } else { mesh.exitance(patch) };
+                Known::new(reflected + emitted, mesh.area(patch))
+            });
+        Gathered { known: known.collect(), mesh: mesh.clone(), lights, seed }
+    }
+
+    /// The picture that a camera sees.
+    pub(crate) fn draw(
+        &self,
+        caster: &dyn RayCaster,
+        camera: &Camera,
+        frame: &Frame,
+        progress: &dyn Progress,
+    ) -> Image {
+        let mesh = &self.mesh;
+        let eye = Eye { caster, mesh, camera, frame };
+        let known = Some(&self.known[..]);
+        let paths = Paths {
+            caster,
+            mesh,
+            lights: &self.lights,
+            known,
+            seed: self.seed,
+            rays: AtomicU64::new(0),
+        };
+        match rounds::sample(&eye, &paths, progress) {
+            Some((picture, soft)) => {
+                Image { rays: paths.rays.into_inner(), ..picture.compose(frame, &soft) }
+            }
+            // The caller throws it away.
+            None => Image::default(),
+        }
+    }
+}

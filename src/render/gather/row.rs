@@ -1,0 +1,56 @@
+//! What is known of a row of pixels, as sums over their samples.
+
+use super::spot::Spot;
+use crate::color::{Rgb, luminance};
+use crate::patches::Look;
+use std::f32::consts::PI;
+
+/// What is known of a pixel before its soft light is, as sums over its samples.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sharp {
+    /// Emission and light straight from sampled lights, and what is behind the scene.
+    pub radiance: Rgb,
+    pub samples: f32,
+    /// Of the luminance of these.
+    pub squares: f32,
+    /// The luminance of these on surfaces that reflect more than they emit, and the number of samples there.
+    pub reflecting: f32,
+    pub reflecting_samples: f32,
+    pub misses: f32,
+}
+
+impl Sharp {
+    /// Adds a sample: its look, the light that arrives straight, and what its rays gathered.
+    pub(super) fn add(&mut self, look: &Look, radiates: bool, direct: Rgb, soft: &[Rgb]) {
+        let emitted = if radiates { look.radiance } else { Rgb::ZERO };
+        let direct = look.reflectance * direct / PI;
+        self.radiance += emitted + direct;
+        self.squares += luminance(emitted + direct).powi(2);
+        let soft = soft.iter().copied().sum::<Rgb>() / soft.len() as f32;
+        let reflected = direct + look.reflectance * soft / PI;
+        if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
+            self.reflecting += luminance(emitted + direct);
+            self.reflecting_samples += 1.0;
+        }
+    }
+}
+
+/// A row of pixels.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Row {
+    /// Per pixel.
+    pub sharp: Vec<Sharp>,
+    pub spots: Vec<Spot>,
+    /// Per pixel: where its spots end.
+    pub ends: Vec<u32>,
+}
+
+impl Row {
+    /// What is known of a pixel; nothing at first.
+    pub(super) fn pixel(&self, x: usize) -> (Sharp, &[Spot]) {
+        let sharp = self.sharp.get(x).copied().unwrap_or_default();
+        let start = if x == 0 { 0 } else { self.ends.get(x - 1).copied().unwrap_or(0) };
+        let end = self.ends.get(x).copied().unwrap_or(start);
+        (sharp, &self.spots[start as usize..end as usize])
+    }
+}
