@@ -5,10 +5,10 @@
 //! then it goes on in a cosine-distributed direction, meets a surface and loses what that absorbs, or leaves the
 //! scene and brings the sky's light. Emitters that are not small are found by the paths themselves.
 
-use crate::color::Rgb;
+use crate::color::{Rgb, luminance};
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::light::{EmittingTriangles, Light};
-use crate::patches::{PatchMesh, Side, SurfacePoint};
+use crate::patches::{PatchId, PatchMesh, Side, SurfacePoint};
 use crate::sampling::{Purpose, Shuffled, cosine_hemisphere};
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -95,26 +95,55 @@ pub(crate) struct Paths<'a> {
     pub caster: &'a dyn RayCaster,
     pub mesh: &'a PatchMesh,
     pub lights: &'a Lights,
-    /// Per patch: ends the paths that come to it from afar. `None`: paths end by chance alone.
-    pub known: Option<&'a [Known]>,
+    /// Ends the paths that come from afar to what it knows. `None`: paths end by chance alone.
+    pub known: Option<&'a Solved>,
     pub seed: u64,
     /// Rays traced so far.
     pub rays: AtomicU64,
 }
 
+/// What a solution knows, for paths that end there.
+pub(crate) struct Solved {
+    patches: Vec<Known>,
+    /// Few and bright patches, such as a ceiling above an uplight: they light like lamps, are found like lamps, and
+    /// are black to paths that meet them.
+    bright: EmittingTriangles,
+}
+
 /// What a solution knows of a patch.
 #[derive(Clone, Copy)]
-pub(crate) struct Known {
+struct Known {
     /// B in W·m⁻², without what the lights sample.
     radiosity: Rgb,
     /// The square of the distance from which B stands for every point of the patch.
     far: f32,
 }
 
-impl Known {
-    /// Of a patch with this area.
-    pub(crate) fn new(radiosity: Rgb, area: f64) -> Known {
-        Known { radiosity, far: NEAR * NEAR * area as f32 }
+/// How many times as bright as the mean a patch must be to be sampled as a lamp is.
+const BRIGHT: f64 = 5.0;
+
+impl Solved {
+    /// `radiosity`: B in W·m⁻² without what the lights sample, per patch.
+    pub(crate) fn new(mesh: &PatchMesh, radiosity: &[Rgb]) -> Solved {
+        let patches = || (0..mesh.len() as u32).map(PatchId);
+        let area: f64 = patches().map(|patch| mesh.area(patch)).sum();
+        let power = |patch: PatchId| luminance(radiosity[patch.index()]) as f64 * mesh.area(patch);
+        let mean = patches().map(power).sum::<f64>() / area;
+        let is_bright =
+            |patch: &PatchId| luminance(radiosity[patch.index()]) as f64 > BRIGHT * mean;
+        let bright: Vec<(PatchId, Rgb)> =
+            patches().filter(is_bright).map(|patch| (patch, radiosity[patch.index()])).collect();
+        let known = |patch: PatchId| match is_bright(&patch) {
+            true => Known { radiosity: Rgb::ZERO, far: 0.0 },
+            false => Known {
+                radiosity: radiosity[patch.index()],
+                far: NEAR * NEAR * mesh.area(patch) as f32,
+            },
+        };
+        Solved {
+            patches: patches().map(known).collect(),
+            bright: EmittingTriangles::of_bright(mesh, &bright),
+        }
     }
 }
 
@@ -158,6 +187,7 @@ impl Paths<'_> {
     pub(crate) fn add_unsampled(&self, starts: &[Start], irradiance: &mut [Rgb]) {
         let mut step = Step::default();
         self.begin(&mut step, starts);
+        self.sample_bright(&mut step, starts, 0, irradiance);
         self.add_rest(&mut step, starts, irradiance);
     }
 
@@ -185,17 +215,45 @@ impl Paths<'_> {
                 break;
             }
             self.sample_lights(step, starts, bounce + 1, irradiance);
+            self.sample_bright(step, starts, bounce + 1, irradiance);
         }
     }
 
     /// Adds what arrives straight from sampled emitters where the paths are.
     fn sample_lights(&self, step: &mut Step, starts: &[Start], bounce: u32, sum: &mut [Rgb]) {
-        let Some(emitters) = &self.lights.sampled else { return };
+        if let Some(emitters) = &self.lights.sampled {
+            let numbers = |start: &Start| {
+                let [_, _, y0, y1] = self.numbers(Purpose::Path, start, bounce);
+                [y0, y1]
+            };
+            self.sample(emitters, step, starts, numbers, sum);
+        }
+    }
+
+    /// Adds what arrives straight from bright patches where the paths are.
+    fn sample_bright(&self, step: &mut Step, starts: &[Start], bounce: u32, sum: &mut [Rgb]) {
+        if let Some(solved) = self.known.filter(|solved| !solved.bright.is_empty()) {
+            let numbers = |start: &Start| {
+                let [y0, y1, ..] = self.numbers(Purpose::Bright, start, bounce);
+                [y0, y1]
+            };
+            self.sample(&solved.bright, step, starts, numbers, sum);
+        }
+    }
+
+    fn sample(
+        &self,
+        emitters: &EmittingTriangles,
+        step: &mut Step,
+        starts: &[Start],
+        numbers: impl Fn(&Start) -> [f32; 2],
+        sum: &mut [Rgb],
+    ) {
         step.rays.clear();
         step.shadows.clear();
         for walk in &step.walks {
-            let [_, _, y0, y1] = self.numbers(Purpose::Path, &starts[walk.start], bounce);
-            if let Some(sample) = emitters.sample_at(walk.point, walk.normal, [y0, y1]) {
+            let xi = numbers(&starts[walk.start]);
+            if let Some(sample) = emitters.sample_at(walk.point, walk.normal, xi) {
                 step.rays.push(sample.segment);
                 step.shadows.push((walk.start, walk.weight * sample.irradiance.as_vec3()));
             }
@@ -248,7 +306,7 @@ impl Paths<'_> {
 
     /// B of the patch that a ray meets from afar.
     fn known_at(&self, ray: &Ray, side: &Side, hit: &Hit) -> Option<Rgb> {
-        let known = &self.known?[self.mesh.patch_at(side, hit).index()];
+        let known = &self.known?.patches[self.mesh.patch_at(side, hit).index()];
         let distance = ray.direction * hit.t;
         (distance.length_squared() >= known.far).then_some(known.radiosity)
     }

@@ -43,6 +43,7 @@ pub enum Purpose {
     Sky,
     Path,
     Roulette,
+    Bright,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

@@ -6,7 +6,7 @@ use super::{Light, LightSample};
 use crate::color::{Rgb, Rgb64, luminance};
 use crate::form_factor::pairs::{Facet, PairPoint, sample};
 use crate::geometry::TriangleId;
-use crate::patches::{PatchMesh, Side};
+use crate::patches::{Members, PatchId, PatchMesh, Side};
 use crate::scene::Scene;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -73,6 +73,18 @@ impl EmittingTriangles {
             *last = 1.0;
         }
         EmittingTriangles { emitters, cumulative }
+    }
+
+    /// Patches of a solution as sources of what they send, with their radiosity in W·m⁻².
+    pub(crate) fn of_bright(mesh: &PatchMesh, patches: &[(PatchId, Rgb)]) -> Self {
+        let facets = patches.iter().flat_map(|&(patch, radiosity)| {
+            let exitance = (radiosity * mesh.opacity(patch) as f32).as_dvec3();
+            let members = Members::of(mesh, patch);
+            let sides = mesh.members(patch).iter();
+            let facet = move |side| Facet::new(members.part(side), side);
+            sides.map(move |side| Emitter { facet: facet(side), exitance, probability: 0.0 })
+        });
+        EmittingTriangles::new(facets.collect())
     }
 
     /// In square units.

@@ -77,7 +77,7 @@ fn light(caster: &dyn RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity 
 
 fn draw(caster: &dyn RayCaster, mesh: &PatchMesh, from: &Document, light: &Radiosity) -> Image {
     let flat = Constant::new(&light.irradiance, &vec![1.0; mesh.len()]);
-    let frame = Frame { width: 96, height: 96, samples: 4, seed: 3, background: None };
+    let frame = Frame { samples: 4, seed: 3, ..Frame::new(96, 96) };
     let camera = from.camera.as_ref().expect("a camera");
     render(caster, mesh, camera, &frame, &[&flat], &()).remove(0)
 }
@@ -170,7 +170,7 @@ fn compare(scene: &Scene, camera: &Camera, level: u32, isa: Isa, robust: bool) {
         mesh: &mesh,
         settings: Choices { direct_samples: 16, ..settings(Method::Hemisphere) },
         camera,
-        frame: Frame { width: 96, height: 96, samples: 4, seed: 3, background: None },
+        frame: Frame { samples: 4, seed: 3, ..Frame::new(96, 96) },
         crease: 30.0,
     }
     .compare(&pair, &())
@@ -248,7 +248,7 @@ fn grid_pictures(caster: &dyn RayCaster, mesh: &PatchMesh, light: &Radiosity) ->
     let smooth = Interpolated::new(mesh, &light.irradiance, &shares, 30.0);
     let fields: [&dyn IrradianceField; 2] = [&flat, &smooth];
     let camera = grid_camera();
-    let frame = Frame { width: 96, height: 96, samples: 4, seed: 3, background: None };
+    let frame = Frame { samples: 4, seed: 3, ..Frame::new(96, 96) };
     let (caster, quiet) = (OnGrid(caster), ());
     let pictures = render(&caster, mesh, &camera, &frame, &fields, &quiet);
     pictures.try_into().expect("two pictures")

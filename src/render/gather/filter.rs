@@ -16,6 +16,9 @@ use std::ops::Range;
 
 /// The windows' radii in pixels; the first is the spot alone.
 const RADII: [i32; 5] = [0, 1, 2, 4, 8];
+/// By how much more a narrow window must leave less over than a wide one: the halves of a pixel's rays may agree by
+/// chance, and then a few spots stay noisy among smooth ones.
+const DOUBT: [f32; RADII.len()] = [1.3, 1.08, 1.03, 1.0, 1.0];
 /// Beyond this radius every other pixel is looked at.
 const DENSE: i32 = 4;
 /// Spots whose normals differ by more are of another surface: 45°.
@@ -99,7 +102,8 @@ impl Filter {
                     variance[radius] += models[k].soft[radius].variance;
                 }
             });
-            let best = (0..RADII.len()).min_by(|&a, &b| left[a].total_cmp(&left[b]));
+            let doubted = |k: usize| left[k] * DOUBT[k];
+            let best = (0..RADII.len()).min_by(|&a, &b| doubted(a).total_cmp(&doubted(b)));
             let best = best.expect("there are some");
             Soft { variance: variance[best] / count, ..models[spot].soft[best] }
         })
@@ -239,7 +243,8 @@ impl Sums {
             }
         }
         let [r0, g0, b0, r1, g1, b1, ..] = values[0].map(|y| y / products[0][0]);
-        [Rgb::new(r0, g0, b0), Rgb::new(r1, g1, b1)]
+        // A slope may lead below zero, and there is no such light.
+        [Rgb::new(r0, g0, b0), Rgb::new(r1, g1, b1)].map(|light| light.max(Rgb::ZERO))
     }
 }
 

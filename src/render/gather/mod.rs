@@ -18,7 +18,7 @@ use super::{Frame, Image};
 use crate::color::{Rgb, Rgb64};
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
-use crate::paths::{Known, Lights, Paths};
+use crate::paths::{Lights, Paths, Solved};
 use crate::progress::Progress;
 use crate::scene::Camera;
 use std::sync::Arc;
@@ -28,8 +28,7 @@ use std::sync::atomic::AtomicU64;
 pub(crate) struct Gathered {
     mesh: Arc<PatchMesh>,
     lights: Lights,
-    /// Per patch.
-    known: Vec<Known>,
+    solved: Solved,
     seed: u64,
 }
 
@@ -42,16 +41,17 @@ impl Gathered {
         seed: u64,
     ) -> Self {
         let lights = Lights::of(mesh);
-        let known =
+        let radiosity =
             irradiance.iter().zip(uncovered).enumerate().map(|(i, (irradiance, &share))| {
                 let patch = PatchId(i as u32);
                 // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
                 let share = if share > 0.0 { share } else { 1.0 };
                 let reflected = mesh.reflectance(patch) * (*irradiance / share).as_vec3();
                 let emitted = if lights.are_sampled() { Rgb::ZERO } else { mesh.exitance(patch) };
-                Known::new(reflected + emitted, mesh.area(patch))
+                reflected + emitted
             });
-        Gathered { known: known.collect(), mesh: mesh.clone(), lights, seed }
+        let solved = Solved::new(mesh, &radiosity.collect::<Vec<_>>());
+        Gathered { solved, mesh: mesh.clone(), lights, seed }
     }
 
     /// The picture that a camera sees.
@@ -64,7 +64,7 @@ impl Gathered {
     ) -> Image {
         let mesh = &self.mesh;
         let eye = Eye { caster, mesh, camera, frame };
-        let known = Some(&self.known[..]);
+        let known = Some(&self.solved);
         let paths = Paths {
             caster,
             mesh,
