@@ -83,7 +83,7 @@ pub(super) fn add(spots: &mut Vec<Spot>, first: usize, new: &Spot) {
     let of_pixel = &mut spots[first..];
     let like = |spot: &&mut Spot| {
         let mean = spot.normal();
-        mean.dot(normal) > LIKE && in_one_plane(new.position() - spot.position(), mean, normal)
+        mean.dot(normal) > LIKE && on_one_surface(new.position() - spot.position(), mean, normal)
     };
     if let Some(spot) = of_pixel.iter_mut().find(like) {
         spot.add(new);
@@ -96,11 +96,14 @@ pub(super) fn add(spots: &mut Vec<Spot>, first: usize, new: &Spot) {
     }
 }
 
-/// Whether two points may lie on one smooth surface, by the way from one to the other and the normals at both.
-pub(super) fn in_one_plane(way: Vec3, a: Vec3, b: Vec3) -> bool {
-    let length = way.length();
-    way.dot(a).abs() <= STEEPEST * length && way.dot(b).abs() <= STEEPEST * length
+/// Whether two points may lie on one smooth surface, by the way from one to the other and the normals at both: where
+/// these are alike, the way leads along the surface; where the surface turns, the way leaves its planes.
+pub(super) fn on_one_surface(way: Vec3, a: Vec3, b: Vec3) -> bool {
+    let steepest = (FLAT + TURN * a.distance(b)) * way.length();
+    way.dot(a).abs() <= steepest && way.dot(b).abs() <= steepest
 }
 
-/// The sine of the steepest way along one surface.
-const STEEPEST: f32 = 0.35;
+/// The sine of the steepest way between points with one normal.
+const FLAT: f32 = 0.05;
+/// How much steeper it may be for each unit between the normals. On a sphere it is a half.
+const TURN: f32 = 0.75;
