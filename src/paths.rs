@@ -33,9 +33,7 @@ impl Lights {
             && !emitting.any(|side| mesh.is_patterned_light(side));
         Lights { sampled: samples.then_some(emitters) }
     }
-}
 
-impl Lights {
     pub(crate) fn are_sampled(&self) -> bool {
         self.sampled.is_some()
     }
@@ -183,7 +181,7 @@ impl Paths<'_> {
         self.add_rest(&mut step, starts, irradiance);
     }
 
-    /// Adds to each number the part of the irradiance at its start that [`sampled`](Self::add_sampled) leaves.
+    /// Adds to each number the part of the irradiance at its start that [`add_sampled`](Self::add_sampled) leaves.
     pub(crate) fn add_unsampled(&self, starts: &[Start], irradiance: &mut [Rgb]) {
         let mut step = Step::default();
         self.begin(&mut step, starts);

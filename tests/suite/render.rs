@@ -57,7 +57,7 @@ fn the_cornell_box_is_the_path_traced_one() {
     let picture = render("scenes/cornell-box.toml", &["--size", "256x256"]);
     let (error, ratio) = compare(&picture, &cornell_reference());
     println!("cornell-box, 256 x 256: relMSE {error:.3e}, mean ratio {ratio:.5}");
-    // 6.2e-5 when this was written, of which the reference's own noise is 1.1e-5. Twice that is
+    // 4.9e-5 when this was written, of which the reference's own noise is 1.1e-5. Twice that is
     // a defect that can be seen.
     assert!(error <= 2e-4, "relMSE {error:e}");
     assert!((ratio - 1.0).abs() <= 0.003, "mean ratio {ratio}");
