@@ -103,8 +103,8 @@ pub(crate) struct Paths<'a> {
 /// What a solution knows, for paths that end there.
 pub(crate) struct Solved {
     patches: Vec<Known>,
-    /// Few and bright patches, such as a ceiling above an uplight: they light like lamps, are found like lamps, and
-    /// are black to paths that meet them.
+    /// Few and bright patches, such as a ceiling above an uplight: from afar they light like lamps, are found like
+    /// lamps, and are black to paths that meet them.
     bright: EmittingTriangles,
 }
 
@@ -129,14 +129,13 @@ impl Solved {
         let mean = patches().map(power).sum::<f64>() / area;
         let is_bright =
             |patch: &PatchId| luminance(radiosity[patch.index()]) as f64 > BRIGHT * mean;
-        let bright: Vec<(PatchId, Rgb)> =
-            patches().filter(is_bright).map(|patch| (patch, radiosity[patch.index()])).collect();
-        let known = |patch: PatchId| match is_bright(&patch) {
-            true => Known { radiosity: Rgb::ZERO, far: 0.0 },
-            false => Known {
-                radiosity: radiosity[patch.index()],
-                far: NEAR * NEAR * mesh.area(patch) as f32,
-            },
+        let far = |patch: PatchId| NEAR * NEAR * mesh.area(patch) as f32;
+        let as_lamp = |patch: PatchId| (patch, radiosity[patch.index()], far(patch));
+        let bright: Vec<(PatchId, Rgb, f32)> = patches().filter(is_bright).map(as_lamp).collect();
+        let known = |patch: PatchId| {
+            let is_lamp = is_bright(&patch);
+            let radiosity = if is_lamp { Rgb::ZERO } else { radiosity[patch.index()] };
+            Known { radiosity, far: far(patch) }
         };
         Solved {
             patches: patches().map(known).collect(),

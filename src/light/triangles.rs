@@ -25,6 +25,8 @@ struct Emitter {
     facet: Facet,
     exitance: Rgb64,
     probability: f64,
+    /// The square of the distance from nearer than which points of it do not count.
+    far: f32,
 }
 
 impl EmittingTriangles {
@@ -41,6 +43,7 @@ impl EmittingTriangles {
             facet: Facet::new(side.shape(scene), &side),
             exitance: (scene.radiance_on(side.triangle, side.is_back) * PI).as_dvec3(),
             probability: 0.0,
+            far: 0.0,
         };
         EmittingTriangles::new(sides.map(emitter).collect())
     }
@@ -75,14 +78,17 @@ impl EmittingTriangles {
         EmittingTriangles { emitters, cumulative }
     }
 
-    /// Patches of a solution as sources of what they send, with their radiosity in W·m⁻².
-    pub(crate) fn of_bright(mesh: &PatchMesh, patches: &[(PatchId, Rgb)]) -> Self {
-        let facets = patches.iter().flat_map(|&(patch, radiosity)| {
+    /// Patches of a solution as sources of what they send: with their radiosity in W·m⁻², and the square of the
+    /// distance from which they count.
+    pub(crate) fn of_bright(mesh: &PatchMesh, patches: &[(PatchId, Rgb, f32)]) -> Self {
+        let facets = patches.iter().flat_map(|&(patch, radiosity, far)| {
             let exitance = (radiosity * mesh.opacity(patch) as f32).as_dvec3();
             let members = Members::of(mesh, patch);
             let sides = mesh.members(patch).iter();
-            let facet = move |side| Facet::new(members.part(side), side);
-            sides.map(move |side| Emitter { facet: facet(side), exitance, probability: 0.0 })
+            sides.map(move |side| {
+                let facet = Facet::new(members.part(side), side);
+                Emitter { facet, exitance, probability: 0.0, far }
+            })
         });
         EmittingTriangles::new(facets.collect())
     }
@@ -113,7 +119,7 @@ impl EmittingTriangles {
 fn emitters_of(mesh: &PatchMesh, side: &Side) -> Vec<Emitter> {
     let emitter = |facet, exitance: Rgb| {
         let exitance = exitance.as_dvec3();
-        (exitance != Rgb64::ZERO).then_some(Emitter { facet, exitance, probability: 0.0 })
+        (exitance != Rgb64::ZERO).then_some(Emitter { facet, exitance, probability: 0.0, far: 0.0 })
     };
     if mesh.is_patterned_light(side) {
         let patches = side.patches();
@@ -148,6 +154,9 @@ impl Light for EmittingTriangles {
         }
         let (emitter, y0) = self.choose(y0);
         let (segment, factor) = emitter.facet.seen_from(point, normal, [y0, y1])?;
+        if segment.direction.length_squared() < emitter.far {
+            return None;
+        }
         let irradiance = emitter.exitance * (factor as f64 / emitter.probability);
         Some(LightSample { segment, irradiance })
     }
