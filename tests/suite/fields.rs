@@ -94,8 +94,8 @@ fn gathered_light_is_that_of_the_paths_on_all_shipped_scenes() {
         let (squares, off) = compared(&paths, &gathered);
         println!("{name}: mean z² {squares:.3}, sums apart by {off:+.5}");
         // Soft light that comes through a doorway throws shadows, which averaging over pixels as wide as these blurs.
-        let (most, most_off) = if name == "two-rooms" { (5.0, 0.025) } else { (2.0, 0.01) };
+        let most = if name == "two-rooms" { 5.0 } else { 2.0 };
         assert!(squares < most, "{name}: {squares}");
-        assert!(off.abs() < most_off, "{name}: {off}");
+        assert!(off.abs() < 0.01, "{name}: {off}");
     }
 }
