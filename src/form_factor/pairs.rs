@@ -70,6 +70,13 @@ impl Facet {
 
     /// As `seen_from`, with points that are uniform in solid angle: for facets that fill much of the view.
     fn seen_in_solid_angle(&self, from: Vec3, normal: Vec3, xi: [f32; 2]) -> Option<(Ray, f32)> {
+        let (y, projected) = self.towards(from, normal, xi)?;
+        Some((Ray::segment(from, self.side.lifted(y)), projected / PI))
+    }
+
+    /// A point of the facet, uniform in the solid angle that it fills, and that solid angle times the cosine at
+    /// `from`.
+    fn towards(&self, from: Vec3, normal: Vec3, xi: [f32; 2]) -> Option<(Vec3, f32)> {
         let origin = from.as_dvec3();
         let own_normal = self.side.normal.as_dvec3();
         let height = own_normal.dot(origin - self.shape.p[0].as_dvec3());
@@ -83,8 +90,7 @@ impl Facet {
             return None;
         }
         let y = (origin + direction * (height / cos_here)).as_vec3();
-        let factor = (seen.solid_angle * cos_from) as f32 / PI;
-        Some((Ray::segment(from, self.side.lifted(y)), factor))
+        Some((y, (seen.solid_angle * cos_from) as f32))
     }
 
     /// A lifted point of the facet, from two numbers in [0, 1), and the normal there.
@@ -151,23 +157,10 @@ fn sample_area(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
 
 fn sample_solid_angle(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSample> {
     let x = a.at(point.on_a);
-    let from = x.as_dvec3();
-    let normal_b = b.side.normal.as_dvec3();
-    let height = normal_b.dot(from - b.shape.p[0].as_dvec3());
-    if height <= 0.0 {
-        return None;
-    }
-    let seen = SphericalTriangle::new(b.shape.p.map(|p| p.as_dvec3()), from)?;
-    let direction = seen.direction(point.xi_b[0] as f64, point.xi_b[1] as f64);
-    let cos_a = a.side.normal.as_dvec3().dot(direction);
-    let cos_b = -normal_b.dot(direction);
-    if !(cos_a > 0.0 && cos_b > 0.0) {
-        return None;
-    }
-    let y = (from + direction * (height / cos_b)).as_vec3();
+    let (y, projected) = b.towards(x, a.side.normal, point.xi_b)?;
     Some(PairSample {
         segment: Ray::segment(a.side.lifted(x), b.side.lifted(y)),
-        exchange: a.area * (seen.solid_angle * cos_a) as f32 / PI,
+        exchange: a.area * projected / PI,
     })
 }
 
