@@ -7,7 +7,7 @@
 
 use crate::color::{Rgb, luminance};
 use crate::geometry::{Hit, Ray, RayCaster};
-use crate::light::{EmittingTriangles, Light};
+use crate::light::{EmittingTriangles, Light, LightSample};
 use crate::patches::{PatchId, PatchMesh, Side, SurfacePoint};
 use crate::sampling::{Purpose, Shuffled, cosine_hemisphere};
 use glam::Vec3;
@@ -16,9 +16,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How the scene's light is found.
 pub(crate) struct Lights {
-    /// Sampled at every point. `None` where paths find the emitters: these are large, there are none, or what
-    /// is seen of them varies over their area in a way that samples of their area do not know.
+    /// Sampled at every point. `None` if there are none, or these are large.
     sampled: Option<EmittingTriangles>,
+    /// Per side, whether it is among these. Paths find the others: what is seen of them varies over their area in a
+    /// way that samples of their area do not know.
+    is_sampled: Vec<bool>,
 }
 
 /// Up to this share of the scene's area emitters are sampled. Rays find more of them as well, and know which is near.
@@ -26,16 +28,21 @@ const SAMPLED: f64 = 0.5;
 
 impl Lights {
     pub(crate) fn of(mesh: &PatchMesh) -> Lights {
-        let mut emitting = mesh.sides().iter().filter(|side| side.radiates);
-        let emitters = EmittingTriangles::of_patches(mesh);
-        let samples = !emitters.is_empty()
-            && emitters.area() <= SAMPLED * mesh.scene.area()
-            && !emitting.any(|side| mesh.is_patterned_light(side));
-        Lights { sampled: samples.then_some(emitters) }
+        let is_plain = |side: &Side| side.radiates && !mesh.is_patterned_light(side);
+        let emitters = EmittingTriangles::of_sides(mesh, is_plain);
+        let samples = !emitters.is_empty() && emitters.area() <= SAMPLED * mesh.scene.area();
+        let is_sampled = mesh.sides().iter().map(|side| samples && is_plain(side)).collect();
+        Lights { sampled: samples.then_some(emitters), is_sampled }
     }
 
-    pub(crate) fn are_sampled(&self) -> bool {
-        self.sampled.is_some()
+    /// M in W·m⁻² of a patch, without what is sampled.
+    pub(crate) fn unsampled(&self, mesh: &PatchMesh, patch: PatchId) -> Rgb {
+        let members = mesh.members(patch);
+        let first = mesh.side_number(patch);
+        let is_sampled = |k: usize| self.is_sampled[first + k];
+        let left = (0..members.len()).filter(|&k| !is_sampled(k)).map(|k| members[k].patch_area);
+        let whole: f64 = members.iter().map(|side| side.patch_area).sum();
+        mesh.exitance(patch) * (left.sum::<f64>() / whole) as f32
     }
 }
 
@@ -72,7 +79,7 @@ impl Start {
         let [more, number] = [number / first, number % first];
         let place = z_order(x % SQUARE, y % SQUARE);
         Start {
-            stream: ((y / SQUARE) as u64) << 20 | (x / SQUARE) as u64,
+            stream: SQUARES | ((y / SQUARE) as u64) << 20 | (x / SQUARE) as u64,
             number: (more * SQUARE * SQUARE + place) * first + number,
             ..Start::at(point)
         }
@@ -81,6 +88,9 @@ impl Start {
 
 /// Pixels along an edge of a square: a power of two.
 const SQUARE: u32 = 32;
+
+/// Tells the streams of squares from those of pixels.
+const SQUARES: u64 = 1 << 40;
 
 /// The place along a curve of Morton's: the binary digits of both numbers in turn.
 fn z_order(x: u32, y: u32) -> u32 {
@@ -129,7 +139,7 @@ impl Solved {
         let mean = patches().map(power).sum::<f64>() / area;
         let is_bright =
             |patch: &PatchId| luminance(radiosity[patch.index()]) as f64 > BRIGHT * mean;
-        let far = |patch: PatchId| NEAR * NEAR * mesh.area(patch) as f32;
+        let far = |patch: PatchId| NEAR * NEAR * mesh.extent_squared(patch);
         let as_lamp = |patch: PatchId| (patch, radiosity[patch.index()], far(patch));
         let bright: Vec<(PatchId, Rgb, f32)> = patches().filter(is_bright).map(as_lamp).collect();
         let known = |patch: PatchId| {
@@ -144,7 +154,7 @@ impl Solved {
     }
 }
 
-/// From nearer than this many times the square root of a patch's area, its mean radiosity does not stand for the
+/// From nearer than this many times the extent of a patch, its mean radiosity does not stand for the
 /// point that was met, and the path goes on.
 const NEAR: f32 = 2.0;
 
@@ -192,7 +202,14 @@ impl Paths<'_> {
     pub(crate) fn add_sampled(&self, starts: &[Start], irradiance: &mut [Rgb]) {
         let mut step = Step::default();
         self.begin(&mut step, starts);
-        self.sample_lights(&mut step, starts, 0, irradiance);
+        if let Some(emitters) = &self.lights.sampled {
+            // The first two of the four numbers fill the square best.
+            let one = |walk: &Walk| {
+                let [y0, y1, ..] = self.numbers(Purpose::Lamp, &starts[walk.start], 0);
+                emitters.sample_at(walk.point, walk.normal, [y0, y1])
+            };
+            self.sample(&mut step, one, irradiance);
+        }
     }
 
     fn begin(&self, step: &mut Step, starts: &[Start]) {
@@ -223,34 +240,35 @@ impl Paths<'_> {
                 let [_, _, y0, y1] = self.numbers(Purpose::Path, start, bounce);
                 [y0, y1]
             };
-            self.sample(emitters, step, starts, numbers, sum);
+            let one = |walk: &Walk| {
+                emitters.sample_at(walk.point, walk.normal, numbers(&starts[walk.start]))
+            };
+            self.sample(step, one, sum);
         }
     }
 
     /// Adds what arrives straight from bright patches where the paths are.
     fn sample_bright(&self, step: &mut Step, starts: &[Start], bounce: u32, sum: &mut [Rgb]) {
         if let Some(solved) = self.known.filter(|solved| !solved.bright.is_empty()) {
-            let numbers = |start: &Start| {
-                let [y0, y1, ..] = self.numbers(Purpose::Bright, start, bounce);
-                [y0, y1]
+            let numbers = |start: &Start| self.numbers(Purpose::Bright, start, bounce);
+            let one_of_several = |walk: &Walk| {
+                let xi = numbers(&starts[walk.start]);
+                solved.bright.resampled_at(walk.point, walk.normal, xi)
             };
-            self.sample(&solved.bright, step, starts, numbers, sum);
+            self.sample(step, one_of_several, sum);
         }
     }
 
     fn sample(
         &self,
-        emitters: &EmittingTriangles,
         step: &mut Step,
-        starts: &[Start],
-        numbers: impl Fn(&Start) -> [f32; 2],
+        sample: impl Fn(&Walk) -> Option<LightSample>,
         sum: &mut [Rgb],
     ) {
         step.rays.clear();
         step.shadows.clear();
         for walk in &step.walks {
-            let xi = numbers(&starts[walk.start]);
-            if let Some(sample) = emitters.sample_at(walk.point, walk.normal, xi) {
+            if let Some(sample) = sample(walk) {
                 step.rays.push(sample.segment);
                 step.shadows.push((walk.start, walk.weight * sample.irradiance.as_vec3()));
             }
@@ -278,13 +296,14 @@ impl Paths<'_> {
                 sum[walk.start] += walk.weight * self.mesh.scene.sky * PI;
                 return false;
             };
-            let Some(side) = self.mesh.side_hit(ray, hit) else { return false };
+            let Some(number) = self.mesh.side_number_hit(ray, hit) else { return false };
+            let side = &self.mesh.sides()[number];
             if let Some(known) = self.known_at(ray, side, hit) {
                 sum[walk.start] += walk.weight * known;
                 return false;
             }
             let look = self.mesh.look(side, hit, 0.0);
-            if side.radiates && self.lights.sampled.is_none() {
+            if side.radiates && !self.lights.is_sampled[number] {
                 sum[walk.start] += walk.weight * look.radiance * PI;
             }
             walk.meet(self.mesh, side, hit);

@@ -44,6 +44,7 @@ pub enum Purpose {
     Path,
     Roulette,
     Bright,
+    Lamp,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

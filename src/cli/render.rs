@@ -6,7 +6,7 @@ use super::report::{Report, Seconds};
 use super::{say, warn};
 use crate::bvh::{Effort, Tracer};
 use crate::color::Rgb;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Warning};
 use crate::export::file::{Output, check_distinct, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::memory;
@@ -138,7 +138,7 @@ impl Run<'_> {
         let is_given = matches!(arguments.exposure, Some(Exposure::Factor(_)))
             || solution.image.exposure.is_some();
         let report = Report {
-            picture_error: images.iter().find_map(Image::relative_error),
+            picture_error: images.iter().filter_map(Image::relative_error).reduce(f32::max),
             exposure: Some(exposures[0]),
             automatic_exposure: !is_given,
             rays: light_rays + images.iter().map(|image| image.rays).sum::<u64>(),
@@ -157,6 +157,7 @@ impl Run<'_> {
         }
         write_all(outputs)?;
         warn(report.warning().as_slice());
+        warn(missed(arguments.error, report.picture_error).as_slice());
         say(&report.to_text());
         Ok(())
     }
@@ -297,8 +298,13 @@ fn draw(
     });
     let (looks, bars) = (looks.collect::<Vec<_>>(), Bars::new());
     let mut images = Vec::new();
-    for camera in cameras {
-        images.extend(View::draw_all(&looks, caster, camera, frame, &bars)?);
+    for (k, camera) in cameras.iter().enumerate() {
+        let now = Instant::now();
+        let share = |until: Instant| {
+            now + until.saturating_duration_since(now) / (cameras.len() - k) as u32
+        };
+        let frame = Frame { deadline: frame.deadline.map(share), ..*frame };
+        images.extend(View::draw_all(&looks, caster, camera, &frame, &bars)?);
     }
     Ok(images)
 }
@@ -309,6 +315,17 @@ fn error_image(path: &Path, images: &[Image]) -> Result<Vec<u8>> {
     let Image { width, height, ref error, .. } = *estimated.expect("one is gathered");
     let pixels = error.iter().map(|&error| Rgb::splat(error)).collect();
     Format::of(path)?.encode(&Image { width, height, pixels, ..Image::default() }, 1.0)
+}
+
+/// Says so if the pictures are not as good as was asked for.
+fn missed(goal: Option<f32>, error: Option<f32>) -> Option<Warning> {
+    let (goal, error) = goal.zip(error).filter(|(goal, error)| error > goal)?;
+    Some(Warning::new(format!(
+        "the error is {:.2} %, and not the {:.2} % that were asked for: give more time, or draw smaller details \
+         larger",
+        100.0 * error,
+        100.0 * goal
+    )))
 }
 
 /// Refuses options of gathered pictures if there is none.

@@ -36,7 +36,7 @@ pub(super) struct Report {
     pub energy: EnergyBalance,
     /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means.
     pub imbalance: f64,
-    /// The root mean square of the relative standard errors of the pixels of the first gathered picture; `null`
+    /// The root mean square of the relative standard errors of the pixels, the largest of all gathered pictures; `null`
     /// where there is none.
     pub picture_error: Option<f32>,
     /// That of the first picture; `null` where nothing was drawn.

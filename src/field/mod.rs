@@ -20,4 +20,9 @@ pub trait IrradianceField: Send + Sync {
     /// Sets `irradiance` to H in W·m⁻², one per point. The slices have one length. `caster` answers rays in the
     /// scene.
     fn irradiance(&self, caster: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]);
+
+    /// Rays that all estimates so far took.
+    fn rays(&self) -> u64 {
+        0
+    }
 }

@@ -6,7 +6,7 @@ use crate::geometry::RayCaster;
 use crate::patches::{PatchMesh, SurfacePoint};
 use crate::paths::{Lights, Paths, Start};
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// One path per point: an unbiased estimate of H, and a noisy one. The mean over many samples of a pixel is the
 /// truth that every other field is compared with.
@@ -17,12 +17,14 @@ pub struct PathTraced {
     mesh: Arc<PatchMesh>,
     lights: Lights,
     seed: u64,
+    rays: AtomicU64,
 }
 
 impl PathTraced {
     /// Of `mesh` only the triangles, their materials and their lit sides count.
     pub fn new(mesh: &Arc<PatchMesh>, seed: u64) -> Self {
-        PathTraced { mesh: mesh.clone(), lights: Lights::of(mesh), seed }
+        let (mesh, lights) = (mesh.clone(), Lights::of(mesh));
+        PathTraced { mesh, lights, seed, rays: AtomicU64::new(0) }
     }
 }
 
@@ -39,5 +41,10 @@ impl IrradianceField for PathTraced {
         let starts: Vec<Start> = at.iter().map(Start::at).collect();
         irradiance.fill(Rgb::ZERO);
         paths.add_irradiance(&starts, irradiance);
+        self.rays.fetch_add(paths.rays.into_inner(), Ordering::Relaxed);
+    }
+
+    fn rays(&self) -> u64 {
+        self.rays.load(Ordering::Relaxed)
     }
 }

@@ -62,11 +62,14 @@ fn cube_of(place: Vec3) -> u64 {
     place.to_array().iter().fold(0, |number, x| number << 21 | (*x as u64).min(MOST))
 }
 
+/// Coordinates of normals nearer to zero have no sign, so that rounding does not take a flat wall apart.
+const LEVEL: f32 = 1e-4;
+
 /// One of 24 directions: the axis that is nearest, and the signs of the other two coordinates.
 fn direction_of(normal: Vec3) -> u8 {
     let size = normal.abs();
     let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).expect("three") as u8;
-    axis << 3 | normal.is_negative_bitmask() as u8
+    axis << 3 | normal.cmplt(Vec3::splat(-LEVEL)).bitmask() as u8
 }
 
 #[cfg(test)]

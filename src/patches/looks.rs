@@ -78,9 +78,11 @@ impl PatchMesh {
     /// Whether the radiance varies over a side.
     pub(crate) fn is_patterned_light(&self, side: &Side) -> bool {
         let material = &self.scene.materials[side.material.0 as usize];
-        material.radiance_map.is_some()
-            || material.opacity_map.is_some()
-            || !self.scene.overlaps().with(side.triangle).is_empty()
+        material.radiance_map.is_some() || material.opacity_map.is_some() || {
+            let shape = side.shape(&self.scene);
+            let shown = self.scene.shown_share(side.triangle, side.is_back, &shape);
+            0.0 < shown && shown < 1.0
+        }
     }
 
     /// The mean by area over the sides of a patch.

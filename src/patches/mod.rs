@@ -308,6 +308,16 @@ impl PatchMesh {
         &self.sides[first..end]
     }
 
+    /// The square of a patch's extent: its area, unless it is long and narrow, or scattered.
+    pub(crate) fn extent_squared(&self, patch: PatchId) -> f32 {
+        let members = Members::of(self, patch);
+        let corners = self.members(patch).iter().flat_map(|side| members.part(side).p);
+        let box_of = |(least, most): (Vec3, Vec3), p: Vec3| (least.min(p), most.max(p));
+        let (least, most) = corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), box_of);
+        // Half of half a square is a quarter of its diagonal's square.
+        (least.distance_squared(most) / 4.0).max(self.area(patch) as f32)
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.side_of_patch.len()

@@ -72,6 +72,7 @@ pub fn render(
     let row_length = frame.width as usize * fields.len();
     let tile = samples::pixels_per_tile(frame);
     progress.begin(Stage::Render, Some(frame.height as u64));
+    let before: Vec<u64> = fields.iter().map(|field| field.rays()).collect();
     let mut rows = vec![Pixel::default(); row_length * frame.height as usize];
     rows.par_chunks_mut(row_length.max(1)).enumerate().for_each_init(
         Work::default,
@@ -97,7 +98,7 @@ pub fn render(
             pixels: pixels().map(|p| p.radiance).collect(),
             reflecting: pixels().map(|p| p.reflecting).collect(),
             error: Vec::new(),
-            rays: if field == 0 { frame.rays() } else { 0 },
+            rays: if field == 0 { frame.rays() } else { 0 } + fields[field].rays() - before[field],
             coverage: if is_transparent { coverage() } else { Vec::new() },
         }
     };

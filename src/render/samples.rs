@@ -45,9 +45,8 @@ pub(super) struct Wanted {
     pub to: u32,
 }
 
-/// How many samples of a pixel there are, how many met a side with patches, and how many nothing.
+/// How many samples of a pixel met a side with patches, and how many nothing.
 pub(super) struct Tally {
-    pub samples: usize,
     pub points: usize,
     pub misses: usize,
 }
@@ -56,7 +55,8 @@ pub(super) struct Tally {
 #[derive(Default)]
 pub(super) struct Samples<'m> {
     rays: Vec<Ray>,
-    hits: Vec<Option<Hit>>,
+    /// One per sample.
+    pub hits: Vec<Option<Hit>>,
     pub points: Vec<SurfacePoint<'m>>,
     /// One per point where the scene has textures or vertex colours; else empty.
     pub looks: Vec<Look>,
@@ -119,8 +119,7 @@ impl<'m> Samples<'m> {
                     None => misses += 1,
                 }
             }
-            let (samples, points) = ((to - from) as usize, self.points.len() - before);
-            self.tallies.push(Tally { samples, points, misses });
+            self.tallies.push(Tally { points: self.points.len() - before, misses });
         }
     }
 

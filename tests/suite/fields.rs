@@ -1,5 +1,6 @@
 //! Every way to draw a scene shows the light that paths bring.
 
+use isolux::color::luminance;
 use isolux::field::PathTraced;
 use isolux::{Document, Frame, Settings, Solution, Tracer, View};
 use std::path::PathBuf;
@@ -97,5 +98,46 @@ fn gathered_light_is_that_of_the_paths_on_all_shipped_scenes() {
         let most = if name == "two-rooms" { 5.0 } else { 2.0 };
         assert!(squares < most, "{name}: {squares}");
         assert!(off.abs() < 0.01, "{name}: {off}");
+    }
+}
+
+/// Student's t for 95 % with seven degrees of freedom: the spreads of some pixels are averaged, which lie near
+/// each other.
+const T: f32 = 2.365;
+
+/// The share of the pixels of several pictures that lie within [`T`] standard errors of a picture with 64 times as
+/// many samples, of one solution: its own error is no picture's.
+fn covered(file: &str, pictures: u64) -> f64 {
+    let document =
+        Document::open(format!("{}/{file}", env!("CARGO_MANIFEST_DIR"))).expect("a description");
+    let scene = document.scene().expect("a scene");
+    let tracer = Tracer::build(&scene);
+    let light =
+        Solution::solve(&document, &scene, &tracer, &Settings::default(), &()).expect("light");
+    let draw = |seed, samples| {
+        let frame = Frame { samples, seed, ..Frame::new(SIZE[0], SIZE[1]) };
+        light.gathered().draw(&tracer, &light.camera, &frame, &()).expect("a picture")
+    };
+    let truth = draw(1000, 64 * SAMPLES);
+    let (mut within, mut all) = (0.0, 0.0);
+    for picture in (1..=pictures).map(|seed| draw(seed, SAMPLES)) {
+        for ((pixel, true_pixel), error) in
+            picture.pixels.iter().zip(&truth.pixels).zip(&picture.error)
+        {
+            let (found, expected) = (luminance(*pixel), luminance(*true_pixel));
+            // What is alike in all samples has no error but for rounding.
+            within += f64::from((found - expected).abs() <= T * error + 1e-5 * expected);
+            all += 1.0;
+        }
+    }
+    within / all
+}
+
+#[test]
+fn nine_of_ten_pixels_and_more_lie_within_the_interval_that_is_stated_for_95_per_cent() {
+    for name in ["cornell-box", "course-room", "two-rooms", "colour-cube"] {
+        let share = covered(&format!("scenes/{name}.toml"), 16);
+        println!("{name}: {share:.4}");
+        assert!((0.93..=0.98).contains(&share), "{name}: {share}");
     }
 }

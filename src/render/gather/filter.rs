@@ -8,6 +8,7 @@
 //! and Color Information*, CGF 32(7), 2013; Bitterli et al., *Nonlinearly Weighted First-order Regression*, CGF
 //! 35(4), 2016). With more rays the best window shrinks, and with it what the filter does wrong.
 
+use super::quarters::QUARTERS;
 use super::spot::{Spot, on_one_surface};
 use crate::color::{Rgb, luminance};
 use glam::Vec3;
@@ -42,25 +43,58 @@ pub(super) struct Filter {
 struct Known {
     position: Vec3,
     normal: Vec3,
-    halves: [Rgb; 2],
+    light: Light,
     /// The share of its pixel. Not the number of its rays: where these are many, the light of the pixels around was
     /// bright by chance, and that would count too little.
     weight: f32,
 }
 
-/// The soft light of a spot.
+/// The soft light of a spot: H in W·m⁻² per channel, then its luminance by each quarter of the rays, and by every
+/// other ray.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Soft {
+pub(super) struct Light([f32; CHANNELS]);
+
+const CHANNELS: usize = 3 + QUARTERS + 1;
+
+impl Light {
+    fn new(irradiance: Rgb, quarters: [f32; QUARTERS], even: f32) -> Light {
+        let [r, g, b] = irradiance.to_array();
+        let [k, l, m, n] = quarters;
+        Light([r, g, b, k, l, m, n, even])
+    }
+
     /// H in W·m⁻².
-    pub irradiance: Rgb,
-    /// The variance of its luminance, from the two halves of the rays. What averaging smooths away is not in it.
-    pub variance: f32,
+    pub(super) fn irradiance(&self) -> Rgb {
+        Rgb::from_slice(&self.0)
+    }
+
+    pub(super) fn quarters(&self) -> [f32; QUARTERS] {
+        let [_, _, _, quarters @ .., _] = self.0;
+        quarters
+    }
+
+    /// The luminance of H by each half of the rays, which are every other one: such halves differ more than blocks
+    /// do, and tell better how wide a window may be.
+    fn halves(&self) -> [f32; 2] {
+        let [.., even] = self.0;
+        [even, 2.0 * luminance(self.irradiance()) - even]
+    }
+
+    /// Adds another light, times a factor.
+    fn add(&mut self, factor: f32, other: &Light) {
+        self.0.iter_mut().zip(other.0).for_each(|(sum, x)| *sum += factor * x);
+    }
+
+    /// There is no light below zero.
+    fn positive(self) -> Light {
+        Light(self.0.map(|x| x.max(0.0)))
+    }
 }
 
 /// A spot's irradiance as the models of the windows give it.
 #[derive(Clone, Copy, Default)]
 struct Models {
-    soft: [Soft; RADII.len()],
+    light: [Light; RADII.len()],
     /// What each model leaves over.
     left: [f32; RADII.len()],
 }
@@ -73,7 +107,7 @@ impl Filter {
             spots.extend(pixel.iter().map(|spot| Known {
                 position: spot.position(),
                 normal: spot.normal(),
-                halves: spot.halves(),
+                light: Light::new(spot.light(), spot.quarters(), spot.even()),
                 weight: spot.samples() / pixel.iter().map(Spot::samples).sum::<f32>(),
             }));
             first.push(spots.len() as u32);
@@ -90,42 +124,42 @@ impl Filter {
     }
 
     /// The soft light of every spot.
-    pub(super) fn filtered(&self) -> Vec<Soft> {
+    pub(super) fn filtered(&self) -> Vec<Light> {
         let models = self.of_all_spots(|pixel, spot| self.models(pixel, spot));
         let chosen = self.of_all_spots(|pixel, spot| {
-            let (mut left, mut variance) = ([0.0; RADII.len()], [0.0; RADII.len()]);
-            let mut count = 0.0;
+            let mut left = [0.0; RADII.len()];
             self.for_each_neighbour(pixel, spot, 0..=AROUND, |_, k| {
-                count += 1.0;
-                for radius in 0..RADII.len() {
-                    left[radius] += models[k].left[radius];
-                    variance[radius] += models[k].soft[radius].variance;
-                }
+                left.iter_mut().zip(models[k].left).for_each(|(sum, left)| *sum += left);
             });
             let doubted = |k: usize| left[k] * DOUBT[k];
             let best = (0..RADII.len()).min_by(|&a, &b| doubted(a).total_cmp(&doubted(b)));
             let best = best.expect("there are some");
-            let soft = Soft { variance: variance[best] / count, ..models[spot].soft[best] };
-            (soft, RADII[best])
+            (models[spot].light[best], RADII[best])
         });
         self.of_all_spots(|pixel, spot| {
-            let (soft, radius) = chosen[spot];
-            let lost = self.lost(pixel, spot, radius, |k| chosen[k].0.irradiance);
-            Soft { irradiance: (soft.irradiance + lost).max(Rgb::ZERO), ..soft }
+            let (mut light, radius) = chosen[spot];
+            light.add(1.0, &self.lost(pixel, spot, radius, |k| chosen[k].0));
+            light.positive()
         })
     }
 
     /// The light that the models of a window leave over in the mean, and which is no noise: added back, it keeps
     /// the sum of the light, and halves what averaging blurs (Tukey's twicing: *Exploratory Data Analysis*, 1977).
-    fn lost(&self, pixel: usize, spot: usize, radius: i32, model: impl Fn(usize) -> Rgb) -> Rgb {
-        let (mut sum, mut weight) = (Rgb::ZERO, 0.0);
+    fn lost(
+        &self,
+        pixel: usize,
+        spot: usize,
+        radius: i32,
+        model: impl Fn(usize) -> Light,
+    ) -> Light {
+        let (mut sum, mut weight) = (Light::default(), 0.0);
         self.for_each_neighbour(pixel, spot, 0..=radius, |_, k| {
             let other = &self.spots[k];
-            let mean = (other.halves[0] + other.halves[1]) / 2.0;
-            sum += (mean - model(k)) * other.weight;
+            sum.add(other.weight, &other.light);
+            sum.add(-other.weight, &model(k));
             weight += other.weight;
         });
-        sum / weight
+        Light(sum.0.map(|x| x / weight))
     }
 
     fn of_all_spots<T: Send>(&self, make: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
@@ -188,13 +222,9 @@ impl Filter {
                 sums.add(centre, &self.spots[k], scale);
             });
             from = radius + 1;
-            let halves = if radius == 0 { centre.halves } else { sums.at_centre() };
-            let difference = luminance(halves[0]) - luminance(halves[1]);
-            models.soft[number] = Soft {
-                irradiance: (halves[0] + halves[1]) / 2.0,
-                variance: difference * difference / 4.0,
-            };
-            models.left[number] = left_over(halves, centre.halves);
+            let light = if radius == 0 { centre.light } else { sums.at_centre() };
+            models.light[number] = light;
+            models.left[number] = left_over(light.halves(), centre.light.halves());
         }
         models
     }
@@ -212,21 +242,21 @@ impl Filter {
 
 /// What the models of both halves leave over of the other half's values, less what they have too much because
 /// each rests on half of the rays.
-fn left_over(models: [Rgb; 2], values: [Rgb; 2]) -> f32 {
-    let squared = |a: Rgb, b: Rgb| (a - b).length_squared();
+fn left_over(models: [f32; 2], values: [f32; 2]) -> f32 {
+    let squared = |a: f32, b: f32| (a - b).powi(2);
     let crossed = squared(models[0], values[1]) + squared(models[1], values[0]);
     0.5 * crossed - 0.25 * squared(models[0], models[1])
 }
 
-/// Eight numbers, of which the last may be unused: loops over them are one instruction.
-type Row = [f32; 8];
+/// Eight numbers: loops over them are one instruction.
+type Row = [f32; CHANNELS];
 
 /// The sums of a least-squares fit, row by row.
 #[derive(Default)]
 struct Sums {
     /// Σ w x xᵀ.
     products: [Row; FEATURES],
-    /// Σ w x y, for each half's three channels.
+    /// Σ w x y, for each channel of the light.
     values: [Row; FEATURES],
 }
 
@@ -235,8 +265,7 @@ impl Sums {
         let place = (other.position - centre.position) * scale;
         let turn: Vec3 = (other.normal - centre.normal) * 2.0;
         let x = [1.0, place.x, place.y, place.z, turn.x, turn.y, turn.z, 0.0];
-        let [a, b] = other.halves;
-        let y = [a.x, a.y, a.z, b.x, b.y, b.z, 0.0, 0.0];
+        let y = other.light.0;
         let rows = self.products.iter_mut().zip(&mut self.values);
         for ((products, values), of_row) in rows.zip(x) {
             add_scaled(products, other.weight * of_row, &x);
@@ -244,8 +273,8 @@ impl Sums {
         }
     }
 
-    /// The model's values where all features are 0, per half.
-    fn at_centre(&self) -> [Rgb; 2] {
+    /// The model's value where all features are 0.
+    fn at_centre(&self) -> Light {
         let (mut products, mut values) = (self.products, self.values);
         let ridge = RIDGE * products[0][0];
         for (i, row) in products.iter_mut().enumerate().skip(1) {
@@ -261,9 +290,8 @@ impl Sums {
                 add_scaled(values, factor, &values_from_pivot[0]);
             }
         }
-        let [r0, g0, b0, r1, g1, b1, ..] = values[0].map(|y| y / products[0][0]);
-        // A slope may lead below zero, and there is no such light.
-        [Rgb::new(r0, g0, b0), Rgb::new(r1, g1, b1)].map(|light| light.max(Rgb::ZERO))
+        // A slope may lead below zero.
+        Light(std::array::from_fn(|channel| values[0][channel] / products[0][0])).positive()
     }
 }
 
@@ -279,13 +307,15 @@ mod tests {
 
     const SIZE: usize = 24;
 
-    /// Spots of a square that faces z, one per pixel; `at` gives the normal, and each half's irradiance.
+    /// Spots of a square that faces z, one per pixel; `at` gives the normal, and each half's grey irradiance.
     fn filter(at: impl Fn(usize, usize) -> (Vec3, [f32; 2])) -> Filter {
         let pixel = |p: usize| {
             let (x, y) = (p % SIZE, p / SIZE);
             let (normal, halves) = at(x, y);
             let position = Vec3::new(x as f32, y as f32, 0.0);
-            Known { position, normal, halves: halves.map(Rgb::splat), weight: 1.0 }
+            let [a, b] = halves;
+            let light = Light::new(Rgb::splat((a + b) / 2.0), [a, a, b, b], a);
+            Known { position, normal, light, weight: 1.0 }
         };
         let pixels = SIZE * SIZE;
         Filter {
@@ -310,9 +340,9 @@ mod tests {
             let expected = light(p % SIZE, p / SIZE);
             // The ridge pulls the slope at the picture's rim, where windows are one-sided.
             assert!(
-                (found.irradiance.x - expected).abs() < 2e-3 * expected,
+                (found.irradiance().x - expected).abs() < 2e-3 * expected,
                 "{p}: {} and {expected}",
-                found.irradiance
+                found.irradiance()
             );
         }
     }
@@ -323,9 +353,8 @@ mod tests {
         let squares = |values: Vec<f32>| {
             values.iter().map(|v| (v - 1.0).powi(2)).sum::<f32>() / values.len() as f32
         };
-        let before =
-            squares(filter.spots.iter().map(|s| (s.halves[0].x + s.halves[1].x) / 2.0).collect());
-        let after = squares(filter.filtered().iter().map(|v| v.irradiance.x).collect());
+        let before = squares(filter.spots.iter().map(|s| s.light.irradiance().x).collect());
+        let after = squares(filter.filtered().iter().map(|v| v.irradiance().x).collect());
         // The window of 5 x 5 pixels alone divides the variance by 25, and at the rim, where the model reaches out of
         // its window, by less than half of that.
         assert!(after < before / 8.0, "{before} and {after}");
@@ -341,9 +370,9 @@ mod tests {
             for (p, found) in filter.filtered().into_iter().enumerate() {
                 let expected = if p % SIZE < half { 1.0 } else { 5.0 };
                 assert!(
-                    (found.irradiance.x - expected).abs() < 1e-3,
+                    (found.irradiance().x - expected).abs() < 1e-3,
                     "{p}: {} and {expected}",
-                    found.irradiance
+                    found.irradiance()
                 );
             }
         }

@@ -6,8 +6,10 @@
 //! divided out of it, and it is averaged over neighbouring pixels as far as two independent halves of the
 //! rays agree that this helps (see [`filter`]).
 
+mod errors;
 mod filter;
 mod picture;
+mod quarters;
 mod rounds;
 mod row;
 mod spot;
@@ -15,7 +17,7 @@ mod work;
 
 use super::samples::Eye;
 use super::{Frame, Image};
-use crate::color::{Rgb, Rgb64};
+use crate::color::Rgb64;
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
 use crate::paths::{Lights, Paths, Solved};
@@ -47,8 +49,7 @@ impl Gathered {
                 // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
                 let share = if share > 0.0 { share } else { 1.0 };
                 let reflected = mesh.reflectance(patch) * (*irradiance / share).as_vec3();
-                let emitted = if lights.are_sampled() { Rgb::ZERO } else { mesh.exitance(patch) };
-                reflected + emitted
+                reflected + lights.unsampled(mesh, patch)
             });
         let solved = Solved::new(mesh, &radiosity.collect::<Vec<_>>());
         Gathered { solved, mesh: mesh.clone(), lights, seed }

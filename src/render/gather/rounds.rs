@@ -1,6 +1,6 @@
 //! Rounds of samples, until a picture is good enough or time is up.
 
-use super::filter::Soft;
+use super::filter::Light;
 use super::picture::{MOST_SAMPLES, Picture};
 use crate::paths::Paths;
 use crate::progress::{Progress, Stage};
@@ -24,18 +24,21 @@ pub(super) fn sample(
     eye: &Eye,
     paths: &Paths,
     progress: &dyn Progress,
-) -> Option<(Picture, Vec<Soft>)> {
+) -> Option<(Picture, Vec<Light>)> {
     let frame = eye.frame;
     let is_quick = frame.error.is_none() && frame.deadline.is_none();
     let most = match (frame.error, frame.deadline) {
         (None, None) => QUICK_ROUNDS,
-        (Some(_), _) => MOST_ROUNDS,
-        (None, Some(_)) => MOST_TIMED_ROUNDS,
+        (Some(_), None) => MOST_ROUNDS,
+        (_, Some(_)) => MOST_TIMED_ROUNDS,
     };
     let mut picture = Picture::new(frame);
     let mut counts = vec![0; (frame.width as usize) * (frame.height as usize)];
     let mut goal = frame.error.unwrap_or(QUICK);
-    let mut wanted = vec![least(frame, goal); counts.len()];
+    // Before time is up there is a picture at all.
+    let first = if frame.deadline.is_some() { frame.samples } else { least(frame, goal) };
+    let mut wanted = vec![first; counts.len()];
+    let mut averaging = Duration::ZERO;
     for round in 1.. {
         let began = Instant::now();
         progress.begin(Stage::Render, Some(frame.height as u64));
@@ -47,8 +50,12 @@ pub(super) fn sample(
         let taken = difference(&counts, &wanted);
         counts = wanted;
         let sampling = began.elapsed();
-        // A quick picture takes soft light as it comes.
-        let soft = (!is_quick || round == most).then(|| picture.soft());
+        // A quick picture takes soft light as it comes, and in little time rather samples are taken than averaged.
+        let is_worth_it = frame.deadline.is_none() || sampling > averaging * SELDOM;
+        let soft = ((!is_quick && is_worth_it) || round == most).then(|| picture.soft());
+        if soft.is_some() {
+            averaging = began.elapsed() - sampling;
+        }
         if round == most {
             return soft.map(|soft| (picture, soft));
         }
@@ -58,7 +65,6 @@ pub(super) fn sample(
         wanted = picture.wanted(goal, least(frame, goal), soft.as_deref());
         if let Some(deadline) = frame.deadline {
             // The last round's soft light takes as long as this one's.
-            let averaging = began.elapsed() - sampling;
             let left = deadline.saturating_duration_since(Instant::now() + averaging);
             fit(&counts, &mut wanted, left, sampling.div_f64(taken.max(1.0)));
         }
@@ -74,12 +80,18 @@ pub(super) fn sample(
 /// three times as many samples.
 const BETTER: f32 = 0.6;
 
+/// Until time is up, soft light is averaged in rounds whose samples took longer than that by this factor.
+const SELDOM: u32 = 3;
+
 /// The samples of every pixel. What averaging over neighbours smooths away shows in no estimate of an error, and
 /// becomes less with the rays alone.
 fn least(frame: &Frame, goal: f32) -> u32 {
-    let more = (QUICK / goal).max(1.0).powi(2);
-    ((frame.samples as f32 * more) as u32).min(MOST_SAMPLES)
+    let more = (AVERAGED / goal).max(1.0).powi(2);
+    ((frame.samples as f32 * more) as u32).min(MOST_SAMPLES).max(frame.samples)
 }
+
+/// The relative error down to which averaging over neighbours does no visible harm.
+const AVERAGED: f32 = 0.02;
 
 /// How many samples are wanted beyond those that there are.
 fn difference(counts: &[u32], wanted: &[u32]) -> f64 {

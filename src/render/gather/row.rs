@@ -1,5 +1,6 @@
 //! What is known of a row of pixels, as sums over their samples.
 
+use super::quarters::QUARTERS;
 use super::spot::Spot;
 use crate::color::{Rgb, luminance};
 use crate::patches::Look;
@@ -13,6 +14,9 @@ pub(super) struct Sharp {
     pub samples: f32,
     /// Of the luminance of these.
     pub squares: f32,
+    /// The luminance of these, and the number of samples, by quarters of the samples.
+    pub quarters: [f32; QUARTERS],
+    pub of_quarters: [f32; QUARTERS],
     /// The luminance of these on surfaces that reflect more than they emit, and the number of samples there.
     pub reflecting: f32,
     pub reflecting_samples: f32,
@@ -20,11 +24,30 @@ pub(super) struct Sharp {
 }
 
 impl Sharp {
-    /// Adds a sample: its look, the light that arrives straight, and what its rays gathered.
-    pub(super) fn add(&mut self, look: &Look, radiates: bool, direct: Rgb, soft: &[Rgb]) {
+    /// Counts a sample; one that misses the scene shows `background`.
+    pub(super) fn count(&mut self, quarter: usize, is_miss: bool, background: Rgb) {
+        self.samples += 1.0;
+        self.of_quarters[quarter] += 1.0;
+        if is_miss {
+            self.misses += 1.0;
+            self.radiance += background;
+            self.quarters[quarter] += luminance(background);
+        }
+    }
+
+    /// Adds a sample that met the scene: its look, the light that arrives straight, and what its rays gathered.
+    pub(super) fn add(
+        &mut self,
+        quarter: usize,
+        look: &Look,
+        radiates: bool,
+        direct: Rgb,
+        soft: &[Rgb],
+    ) {
         let emitted = if radiates { look.radiance } else { Rgb::ZERO };
         let direct = look.reflectance * direct / PI;
         self.radiance += emitted + direct;
+        self.quarters[quarter] += luminance(emitted + direct);
         self.squares += luminance(emitted + direct).powi(2);
         let soft = soft.iter().copied().sum::<Rgb>() / soft.len() as f32;
         let reflected = direct + look.reflectance * soft / PI;

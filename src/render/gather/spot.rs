@@ -1,8 +1,10 @@
 //! Spots: what a pixel sees of one surface.
 
-use crate::color::Rgb;
+use super::quarters::QUARTERS;
+use crate::color::{Rgb, luminance};
 use crate::patches::SurfacePoint;
 use glam::Vec3;
+use std::ops::Range;
 
 /// The samples of a pixel that lie on like surface, and the soft light there, as sums.
 #[derive(Debug, Clone, Copy, Default)]
@@ -11,10 +13,15 @@ pub(super) struct Spot {
     normal: Vec3,
     /// Σρ over the samples.
     reflectance: Rgb,
-    /// H in W·m⁻² by each half of the rays.
-    light: [Rgb; 2],
-    /// Rays in each half.
-    rays: [f32; 2],
+    /// The luminance of these, by quarters of the samples.
+    reflecting: [f32; QUARTERS],
+    /// H in W·m⁻², and its luminance by quarters of the rays.
+    light: Rgb,
+    quarters: [f32; QUARTERS],
+    /// The luminance of H by every other ray: each sample has as many of these as of the others.
+    even: f32,
+    /// Rays in each quarter.
+    rays: [f32; QUARTERS],
     samples: f32,
 }
 
@@ -25,14 +32,23 @@ const MOST: usize = 4;
 const LIKE: f32 = 0.8;
 
 impl Spot {
-    /// One sample with the light that its rays gathered.
-    pub(super) fn sample(point: &SurfacePoint, reflectance: Rgb, gathered: &[Rgb]) -> Spot {
+    /// One sample with the light that its rays gathered; `quarter` says of which quarter each ray is.
+    pub(super) fn sample(
+        point: &SurfacePoint,
+        reflectance: Rgb,
+        gathered: &[Rgb],
+        quarter: impl Fn(usize) -> usize,
+    ) -> Spot {
         let (position, normal) = (point.position, point.side.normal);
         let mut spot = Spot { position, normal, reflectance, samples: 1.0, ..Spot::default() };
+        spot.reflecting[quarter(0)] = luminance(reflectance);
         for (ray, light) in gathered.iter().enumerate() {
-            let half = (point.sample.number as usize + ray) % 2;
-            spot.light[half] += *light;
-            spot.rays[half] += 1.0;
+            spot.light += *light;
+            spot.quarters[quarter(ray)] += luminance(*light);
+            spot.rays[quarter(ray)] += 1.0;
+            if (point.sample.number as usize + ray).is_multiple_of(2) {
+                spot.even += luminance(*light);
+            }
         }
         spot
     }
@@ -56,13 +72,32 @@ impl Spot {
         self.samples
     }
 
-    /// H in W·m⁻², by each half of the rays; one ray stands for both.
-    pub(super) fn halves(&self) -> [Rgb; 2] {
-        let half = |h: usize| match self.rays[h] {
-            0.0 => self.light[1 - h] / self.rays[1 - h],
-            rays => self.light[h] / rays,
+    /// The luminance of Σρ by quarters of the samples.
+    pub(super) fn reflecting(&self) -> [f32; QUARTERS] {
+        self.reflecting
+    }
+
+    /// H in W·m⁻² in the mean.
+    pub(super) fn light(&self) -> Rgb {
+        self.light / self.rays.iter().sum::<f32>()
+    }
+
+    /// The luminance of H by every other ray.
+    pub(super) fn even(&self) -> f32 {
+        2.0 * self.even / self.rays.iter().sum::<f32>()
+    }
+
+    /// The luminance of H by quarters of the rays; where a quarter has none, its half or all rays stand for it.
+    pub(super) fn quarters(&self) -> [f32; QUARTERS] {
+        let mean = |quarters: Range<usize>| {
+            let rays: f32 = self.rays[quarters.clone()].iter().sum();
+            (rays > 0.0).then(|| self.quarters[quarters].iter().sum::<f32>() / rays)
         };
-        [half(0), half(1)]
+        let half = |q: usize| if q < 2 { 0..2 } else { 2..4 };
+        std::array::from_fn(|q| {
+            let known = mean(q..q + 1).or_else(|| mean(half(q))).or_else(|| mean(0..QUARTERS));
+            known.expect("each sample has rays")
+        })
     }
 
     fn add(&mut self, other: &Spot) {
@@ -70,9 +105,12 @@ impl Spot {
         self.normal += other.normal;
         self.reflectance += other.reflectance;
         self.samples += other.samples;
-        for half in 0..2 {
-            self.light[half] += other.light[half];
-            self.rays[half] += other.rays[half];
+        self.light += other.light;
+        self.even += other.even;
+        for quarter in 0..QUARTERS {
+            self.reflecting[quarter] += other.reflecting[quarter];
+            self.quarters[quarter] += other.quarters[quarter];
+            self.rays[quarter] += other.rays[quarter];
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Taking samples, and estimating the light at them.
 
+use super::quarters::quarter;
 use super::row::Row;
 use super::spot::{self, Spot};
 use crate::color::Rgb;
@@ -35,7 +36,6 @@ impl<'m> Work<'m> {
         while pixels.peek().is_some() {
             self.wanted.clear();
             let mut count = 0;
-            let first = *pixels.peek().expect("one is left");
             while let Some(x) = pixels.next_if(|_| count < TILE) {
                 let Range { start: from, end: to } = numbers(x);
                 self.wanted.push(Wanted { x, y, from, to });
@@ -44,7 +44,7 @@ impl<'m> Work<'m> {
             self.samples.take(eye, &self.wanted);
             paths.count_rays(self.samples.count());
             self.light(eye, paths);
-            self.keep(eye, &before, first, row);
+            self.keep(eye, &before, row);
         }
     }
 
@@ -65,16 +65,18 @@ impl<'m> Work<'m> {
         paths.add_unsampled(&self.starts, &mut self.soft);
     }
 
-    /// Adds the samples of a tile, pixel by pixel from number `first` of the row, to what was known before.
-    fn keep(&self, eye: &Eye, before: &Row, first: usize, row: &mut Row) {
+    /// Adds the samples of a tile, pixel by pixel, to what was known before.
+    fn keep(&self, eye: &Eye, before: &Row, row: &mut Row) {
+        let quarter = |number, ray| quarter(number * RAYS + ray, eye.frame.samples * RAYS);
+        let mut hits = self.samples.hits.iter();
         let mut next = 0;
-        for (x, tally) in (first..).zip(&self.samples.tallies) {
-            let (mut sharp, spots) = before.pixel(x);
+        for (wanted, tally) in self.wanted.iter().zip(&self.samples.tallies) {
+            let (mut sharp, spots) = before.pixel(wanted.x);
             let of_pixel = row.spots.len();
             row.spots.extend_from_slice(spots);
-            sharp.radiance += eye.background() * tally.misses as f32;
-            sharp.misses += tally.misses as f32;
-            sharp.samples += tally.samples as f32;
+            for (number, hit) in (wanted.from..wanted.to).zip(&mut hits) {
+                sharp.count(quarter(number, 0), hit.is_none(), eye.background());
+            }
             for k in next..next + tally.points {
                 let point = &self.samples.points[k];
                 let look = if eye.mesh.varies() {
@@ -83,8 +85,10 @@ impl<'m> Work<'m> {
                     self.samples.plain_look(eye, k)
                 };
                 let soft = &self.soft[k * RAYS as usize..(k + 1) * RAYS as usize];
-                sharp.add(&look, point.side.radiates, self.direct[k], soft);
-                spot::add(&mut row.spots, of_pixel, &Spot::sample(point, look.reflectance, soft));
+                let quarter = |ray: usize| quarter(point.sample.number, ray as u32);
+                sharp.add(quarter(0), &look, point.side.radiates, self.direct[k], soft);
+                let spot = Spot::sample(point, look.reflectance, soft, quarter);
+                spot::add(&mut row.spots, of_pixel, &spot);
             }
             next += tally.points;
             row.sharp.push(sharp);
