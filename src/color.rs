@@ -7,6 +7,11 @@ pub type Rgb = glam::Vec3;
 /// [`Rgb`] in double precision, for sums.
 pub type Rgb64 = glam::DVec3;
 
+/// Sums, rounded to what is kept of them.
+pub fn rounded(sums: &[Rgb64]) -> Vec<Rgb> {
+    sums.iter().map(|sum| sum.as_vec3()).collect()
+}
+
 /// Relative luminance of Rec. 709 primaries (ITU-R BT.709).
 pub fn luminance(color: Rgb) -> f32 {
     color.dot(Rgb::new(0.2126, 0.7152, 0.0722))

@@ -29,7 +29,7 @@ pub(crate) fn uncovered(
     caster: &dyn RayCaster,
     mesh: &PatchMesh,
     progress: &dyn Progress,
-) -> (Vec<f64>, u64) {
+) -> (Vec<f32>, u64) {
     progress.begin(Stage::Coverage, Some(mesh.len() as u64));
     let rays = AtomicU64::new(0);
     let search = Search::new(caster, mesh);
@@ -51,7 +51,7 @@ pub(crate) fn uncovered(
 }
 
 /// The uncovered share of one patch's area, in [0, 1].
-pub(crate) fn uncovered_share(caster: &dyn RayCaster, mesh: &PatchMesh, patch: PatchId) -> f64 {
+pub(crate) fn uncovered_share(caster: &dyn RayCaster, mesh: &PatchMesh, patch: PatchId) -> f32 {
     let (search, mut share) = (Search::new(caster, mesh), [1.0]);
     if search.has_black_sides {
         search.shares(&mut Work::default(), patch, &mut share);
@@ -80,7 +80,7 @@ impl<'a> Search<'a> {
     }
 
     /// Sets the shares of the patches from `first` on. Returns the number of rays that it took.
-    fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f64]) -> u64 {
+    fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f32]) -> u64 {
         let patches = || (first.0..).take(shares.len()).map(PatchId);
         work.rays.clear();
         for patch in patches().filter(|patch| !self.mesh.is_cluster(*patch)) {
@@ -103,7 +103,7 @@ impl<'a> Search<'a> {
                 let ray = &work.rays[k];
                 self.shows(ray, work.hits[k]) || self.is_open(ray, &mut traced)
             });
-            *share = open.count() as f64 / count as f64;
+            *share = open.count() as f32 / count as f32;
             next += count;
         }
         traced

@@ -1,5 +1,6 @@
 //! From a scene and its settings to its solution.
 
+use crate::color::rounded;
 use crate::coverage;
 use crate::error::{Error, Result};
 use crate::geometry::RayCaster;
@@ -9,7 +10,7 @@ use crate::progress::Progress;
 use crate::radiosity::{self, Choices, Method};
 use crate::scene::{Document, Scene};
 use crate::settings::Settings;
-use crate::solution::Solution;
+use crate::solution::{Figures, PatchLight, Solution};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -94,8 +95,10 @@ impl<'d> Plan<'d> {
             solve: light.solve_time,
             coverage: start.elapsed(),
         };
-        let solution =
-            Solution::new(self.document, &mesh, &self.choices, (light, uncovered), camera);
+        let figures = Figures::of(&light);
+        let irradiance = rounded(&light.irradiance);
+        let light = PatchLight { irradiance, error: Vec::new(), uncovered };
+        let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
         Ok((solution, spent))
     }
 }

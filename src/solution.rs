@@ -1,24 +1,18 @@
 //! The light of a scene: solved once, kept whole, and looked at as often as one likes.
 //!
 //! Radiosity does not depend on the view. So a [`Solution`] owns everything that a picture needs: the
-//! scene, the subdivision, the irradiance of each patch. Saved, it is a `.light` file:
-//!
-//! ```text
-//! "isolux light\n"   version (u32)   CRC-32 of the rest (u32)   the solution, by postcard
-//! ```
-//!
-//! Numbers are little-endian and floats are stored as their bits, so that a file gives the same bits on
-//! every machine.
+//! scene, the subdivision, the irradiance of each patch. Saved, it is a `.light` file, which gives the same bits
+//! on every machine.
 
-use crate::color::{Rgb, Rgb64};
+use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
+use crate::export::sealed::Seal;
 use crate::patches::{PatchMesh, Sides, Split};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::camera::is_view_name;
 use crate::scene::document::ImageDefaults;
-use crate::scene::text::read_bytes;
 use crate::scene::{Camera, Document, Scene, Texture};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -33,10 +27,7 @@ pub struct Solution {
     split: Split,
     /// The sides of each triangle that have patches.
     sides: Vec<Sides>,
-    /// H in W·m⁻², per patch.
-    irradiance: Vec<Rgb64>,
-    /// The uncovered share of the area, in [0, 1], per patch; see `coverage`.
-    uncovered: Vec<f64>,
+    pub(crate) light: PatchLight,
     pub figures: Figures,
     /// How the light was solved.
     pub choices: Choices,
@@ -49,6 +40,17 @@ pub struct Solution {
     /// Filled by the first call of [`patches`](Self::patches), and shared by all clones.
     #[serde(skip)]
     known_patches: Arc<OnceLock<Arc<PatchMesh>>>,
+}
+
+/// The light of each patch, in the order of the patches.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct PatchLight {
+    /// H in W·m⁻².
+    pub irradiance: Vec<Rgb>,
+    /// The standard error of the luminance of H, in W·m⁻²; empty where it is not known.
+    pub error: Vec<f32>,
+    /// The uncovered share of the area, in [0, 1]; see `coverage`.
+    pub uncovered: Vec<f32>,
 }
 
 /// How well the light was solved, and where its power went.
@@ -69,9 +71,12 @@ pub struct Figures {
     pub rays: u64,
 }
 
-const MAGIC: &[u8] = b"isolux light\n";
-const VERSION: u32 = 3;
-const HEADER: usize = MAGIC.len() + 8;
+const SEAL: Seal = Seal {
+    magic: b"isolux light\n",
+    version: 4,
+    name: "light file",
+    command: "isolux solve SCENE -o ROOM.light",
+};
 
 impl Solution {
     /// Keeps the light that was found for a scene.
@@ -82,26 +87,29 @@ impl Solution {
         document: &Document,
         mesh: &Arc<PatchMesh>,
         choices: &Choices,
-        (light, uncovered): (Radiosity, Vec<f64>),
+        (light, figures): (PatchLight, Figures),
         camera: Camera,
     ) -> Solution {
-        assert_eq!((light.irradiance.len(), uncovered.len()), (mesh.len(), mesh.len()));
+        assert!(light.is_of(mesh.len()), "light of other patches");
+        let unlit = Solution::unlit(document, mesh, choices, figures, camera);
+        Solution { light, ..unlit }
+    }
+
+    /// A solution whose light is still to come.
+    pub(crate) fn unlit(
+        document: &Document,
+        mesh: &Arc<PatchMesh>,
+        choices: &Choices,
+        figures: Figures,
+        camera: Camera,
+    ) -> Solution {
         Solution {
             title: document.title.clone(),
             scene: mesh.scene.clone(),
             split: mesh.split(),
             sides: mesh.sides_of_triangles(),
-            irradiance: light.irradiance,
-            uncovered,
-            figures: Figures {
-                residuals: light.residuals,
-                iterations: light.iterations as u64,
-                row_sum_defect: light.row_sum_defect,
-                mean_row_sum_defect: light.mean_row_sum_defect,
-                reciprocity_defect: light.reciprocity_defect,
-                energy: light.energy,
-                rays: light.rays,
-            },
+            light: PatchLight::default(),
+            figures,
             choices: *choices,
             camera,
             views: views_of(document, &mesh.scene),
@@ -140,13 +148,18 @@ impl Solution {
     }
 
     /// H in W·m⁻², per patch.
-    pub fn irradiance(&self) -> &[Rgb64] {
-        &self.irradiance
+    pub fn irradiance(&self) -> &[Rgb] {
+        &self.light.irradiance
+    }
+
+    /// The standard error of the luminance of H, in W·m⁻², per patch, where it is known.
+    pub fn error(&self) -> Option<&[f32]> {
+        Some(&*self.light.error).filter(|errors| errors.len() == self.light.irradiance.len())
     }
 
     /// The share of each patch's area, in [0, 1], that no other surface covers.
-    pub fn uncovered(&self) -> &[f64] {
-        &self.uncovered
+    pub fn uncovered(&self) -> &[f32] {
+        &self.light.uncovered
     }
 
     /// The factor from radiance to display with which a picture is neither dark nor burnt out.
@@ -169,13 +182,7 @@ impl Solution {
 
     /// The bytes of a `.light` file.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let body = postcard::to_stdvec(self).expect("numbers, strings and lists");
-        let mut bytes = Vec::with_capacity(HEADER + body.len());
-        bytes.extend_from_slice(MAGIC);
-        bytes.extend_from_slice(&VERSION.to_le_bytes());
-        bytes.extend_from_slice(&crc32fast::hash(&body).to_le_bytes());
-        bytes.extend_from_slice(&body);
-        bytes
+        SEAL.close(self)
     }
 
     /// Reads what [`Solution::to_bytes`] made.
@@ -183,34 +190,7 @@ impl Solution {
     /// # Errors
     /// Bytes of something else, of another version, or damaged.
     pub fn from_bytes(bytes: &[u8]) -> Result<Solution> {
-        let Some(rest) = bytes.strip_prefix(MAGIC) else {
-            return Err(Error::new("this is not a light file")
-                .remedy("make one: isolux solve SCENE -o ROOM.light"));
-        };
-        let damaged = || {
-            Error::new("the light file is damaged or was cut short")
-                .remedy("copy it again, or make it again: isolux solve SCENE -o ROOM.light")
-        };
-        let number = |at: usize| -> Result<u32> {
-            let bytes = rest.get(at..at + 4).ok_or_else(damaged)?;
-            Ok(u32::from_le_bytes(bytes.try_into().expect("four bytes")))
-        };
-        let (version, checksum) = (number(0)?, number(4)?);
-        if version != VERSION {
-            return Err(Error::new(format!(
-                "the light file is of version {version}, and this isolux reads version {VERSION}"
-            ))
-            .remedy("make it again: isolux solve SCENE -o ROOM.light"));
-        }
-        let body = &rest[8..];
-        if crc32fast::hash(body) != checksum {
-            return Err(damaged());
-        }
-        let (solution, left): (Solution, _) =
-            postcard::take_from_bytes(body).map_err(|_| damaged())?;
-        if !left.is_empty() {
-            return Err(damaged());
-        }
+        let solution: Solution = SEAL.open(bytes)?;
         solution.check().map(|()| solution)
     }
 
@@ -218,14 +198,11 @@ impl Solution {
     /// See [`Solution::from_bytes`]; or a file that cannot be read.
     pub fn load(path: impl AsRef<Path>) -> Result<Solution> {
         let path = path.as_ref();
-        let bytes = read_bytes(path).map_err(|error| {
-            Error::io(path, "read the light file", &error).remedy("check the path")
-        })?;
-        Solution::from_bytes(&bytes).map_err(|error| error.in_file(path))
+        Solution::from_bytes(&SEAL.read(path)?).map_err(|error| error.in_file(path))
     }
 
     /// A checksum finds damage, not a forger: what no scene and no light can be is refused.
-    fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         let scene = &self.scene;
         let lists_fit = scene.material_of.len() == scene.triangles.len()
             && scene.material_of.iter().all(|m| (m.0 as usize) < scene.materials.len())
@@ -234,10 +211,10 @@ impl Solution {
             && scene.mesh.fits(scene.triangles.len())
             && scene.triangles.iter().all(|t| t.area() > 0.0 && t.area().is_finite());
         if !lists_fit {
-            return Err(contradiction());
+            return Err(SEAL.contradiction());
         }
         if self.split.cube.is_some_and(|edge| !(edge > 0.0 && edge.is_finite())) {
-            return Err(contradiction());
+            return Err(SEAL.contradiction());
         }
         // Counted before any patch is made; clusters have to be made to be counted.
         let mut patches = PatchMesh::most(scene, &self.split, &self.sides)?;
@@ -245,11 +222,8 @@ impl Solution {
             patches = self.patches().len();
         }
         let is_share = |c: &Rgb| c.cmpge(Rgb::ZERO).all() && c.cmple(Rgb::ONE).all();
-        let is_light = |h: &Rgb64| h.is_finite() && h.cmpge(Rgb64::ZERO).all();
-        let means_something = self.irradiance.len() == patches
-            && self.uncovered.len() == patches
-            && self.irradiance.iter().all(is_light)
-            && self.uncovered.iter().all(|share| (0.0..=1.0).contains(share))
+        let means_something = self.light.is_of(patches)
+            && self.light.is_possible()
             && scene.textures.iter().all(Texture::is_possible)
             && scene.materials.iter().all(|m| m.is_possible(scene.textures.len()))
             && scene.mesh.colors.iter().flat_map(|c| &c.values).all(is_share)
@@ -257,16 +231,40 @@ impl Solution {
             && std::iter::once(&self.camera).chain(self.views.values()).all(Camera::is_possible)
             && self.views.keys().all(|name| is_view_name(name));
         if !means_something {
-            return Err(contradiction());
+            return Err(SEAL.contradiction());
         }
         self.image.check()?;
         scene.check_extent(Path::new(&self.title))
     }
 }
 
-fn contradiction() -> Error {
-    Error::new("the light file contradicts itself")
-        .remedy("make it again: isolux solve SCENE -o ROOM.light")
+impl PatchLight {
+    fn is_of(&self, patches: usize) -> bool {
+        let lengths = [self.irradiance.len(), self.uncovered.len()];
+        lengths == [patches; 2] && [0, patches].contains(&self.error.len())
+    }
+
+    fn is_possible(&self) -> bool {
+        let is_light = |h: &Rgb| h.is_finite() && h.cmpge(Rgb::ZERO).all();
+        self.irradiance.iter().all(is_light)
+            && self.error.iter().all(|error| (0.0..=f32::MAX).contains(error))
+            && self.uncovered.iter().all(|share| (0.0..=1.0).contains(share))
+    }
+}
+
+impl Figures {
+    /// What the solver says of its light.
+    pub fn of(light: &Radiosity) -> Figures {
+        Figures {
+            residuals: light.residuals.clone(),
+            iterations: light.iterations as u64,
+            row_sum_defect: light.row_sum_defect,
+            mean_row_sum_defect: light.mean_row_sum_defect,
+            reciprocity_defect: light.reciprocity_defect,
+            energy: light.energy,
+            rays: light.rays,
+        }
+    }
 }
 
 /// Those of the model files, and those of the document, which replace files' with their name.
@@ -289,6 +287,7 @@ pub(crate) fn view_of<'v>(views: &'v BTreeMap<String, Camera>, name: &str) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::color::{Rgb64, rounded};
     use crate::geometry::Triangle;
     use crate::patches::Subdivision;
     use crate::scene::{Map, Material, MaterialId, TextureId};
@@ -321,12 +320,17 @@ mod tests {
             solve_time: Duration::ZERO,
         };
         let camera = Camera::new(Vec3::Z, Vec3::ZERO, Vec3::Y, 40.0, 0.0).expect("a camera");
-        let light = (light, vec![1.0; 16]);
+        let figures = Figures::of(&light);
+        let light = PatchLight {
+            irradiance: rounded(&light.irradiance),
+            error: vec![0.1; 16],
+            uncovered: vec![1.0; 16],
+        };
         let document = Document::open("one.obj").expect("a name is enough");
         let choices = Choices::new(&Settings::default(), &scene).expect("the defaults");
         Solution {
             choices: Choices { memory_limit: None, ..choices },
-            ..Solution::new(&document, &mesh, &choices, light, camera)
+            ..Solution::new(&document, &mesh, &choices, (light, figures), camera)
         }
     }
 
@@ -335,7 +339,7 @@ mod tests {
         let solution = solution();
         let back = Solution::from_bytes(&solution.to_bytes()).expect("a solution");
         assert_eq!(back.to_bytes(), solution.to_bytes());
-        assert_eq!(back.irradiance, solution.irradiance);
+        assert_eq!(back.light, solution.light);
         assert_eq!(back.figures, solution.figures);
         assert_eq!(back.choices, solution.choices);
         assert_eq!(back.fingerprints(), solution.fingerprints());
@@ -366,9 +370,20 @@ mod tests {
         refused(Solution { split: split(vec![]), ..good.clone() }, "0 levels of subdivision");
         refused(Solution { split: split(vec![3]), ..good.clone() }, itself);
         refused(Solution { split: split(vec![u32::MAX]), ..good.clone() }, "4294967295 levels");
-        refused(Solution { uncovered: vec![], ..good.clone() }, itself);
-        refused(Solution { uncovered: vec![f64::NAN; 16], ..good.clone() }, itself);
-        refused(Solution { irradiance: vec![-Rgb64::ONE; 16], ..good.clone() }, itself);
+        let light = |change: fn(&mut PatchLight)| {
+            let mut light = good.light.clone();
+            change(&mut light);
+            Solution { light, ..good.clone() }
+        };
+        refused(light(|l| l.uncovered = vec![]), itself);
+        refused(light(|l| l.uncovered = vec![f32::NAN; 16]), itself);
+        refused(light(|l| l.irradiance = vec![-Rgb::ONE; 16]), itself);
+        refused(light(|l| l.error = vec![0.0; 15]), itself);
+        refused(light(|l| l.error = vec![-1.0; 16]), itself);
+        refused(light(|l| l.error = vec![f32::INFINITY; 16]), itself);
+        let unknown = light(|l| l.error = vec![]);
+        let back = Solution::from_bytes(&unknown.to_bytes()).expect("an error need not be known");
+        assert_eq!((good.error().map(<[f32]>::len), back.error()), (Some(16), None));
         let views = [("../x".to_string(), good.camera.clone())].into();
         refused(Solution { views, ..good.clone() }, itself);
         let scene = |change: fn(&mut Scene)| {

@@ -11,7 +11,7 @@ mod picture;
 #[cfg(test)]
 mod tests;
 
-use crate::color::{Rgb, Rgb64};
+use crate::color::{Rgb, Rgb64, rounded};
 use crate::coverage::{uncovered, uncovered_share};
 use crate::error::Result;
 use crate::field::{Constant, Interpolated, IrradianceField};
@@ -124,8 +124,9 @@ impl Pipeline<'_> {
         let native = radiosity::solve(pair.native, self.mesh, &self.settings, progress)?;
         let peer = radiosity::solve(pair.peer, self.mesh, &self.settings, progress)?;
         let (shares, _) = uncovered(pair.native, self.mesh, progress);
-        let constant = Constant::new(&native.irradiance, &shares);
-        let interpolated = Interpolated::new(self.mesh, &native.irradiance, &shares, self.crease);
+        let irradiance = rounded(&native.irradiance);
+        let constant = Constant::new(&irradiance, &shares);
+        let interpolated = Interpolated::new(self.mesh, &irradiance, &shares, self.crease);
 
         let form_factors = self.form_factors(pair);
         let direct_light = self.direct_light(pair);

@@ -1,7 +1,7 @@
 //! Constant irradiance over each patch.
 
 use super::IrradianceField;
-use crate::color::{Rgb, Rgb64};
+use crate::color::Rgb;
 use crate::geometry::RayCaster;
 use crate::patches::SurfacePoint;
 
@@ -10,10 +10,10 @@ pub struct Constant(Vec<Rgb>);
 
 impl Constant {
     /// `irradiance` in W·m⁻² and the uncovered share of its area, per patch.
-    pub fn new(irradiance: &[Rgb64], uncovered: &[f64]) -> Self {
-        let of_uncovered = |(irradiance, &uncovered): (&Rgb64, &f64)| {
+    pub fn new(irradiance: &[Rgb], uncovered: &[f32]) -> Self {
+        let of_uncovered = |(irradiance, &uncovered): (&Rgb, &f32)| {
             let share = if uncovered > 0.0 { uncovered } else { 1.0 };
-            (*irradiance / share).as_vec3()
+            *irradiance / share
         };
         Constant(irradiance.iter().zip(uncovered).map(of_uncovered).collect())
     }

@@ -24,7 +24,7 @@ pub struct Interpolated {
 
 impl Interpolated {
     /// `irradiance` in W·m⁻² and the uncovered share of its area, per patch; `crease` in degrees.
-    pub fn new(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64], crease: f32) -> Self {
+    pub fn new(mesh: &PatchMesh, irradiance: &[Rgb], uncovered: &[f32], crease: f32) -> Self {
         let mut lattices = Lattices::of(mesh, irradiance, uncovered);
         let seams = seams(mesh, crease);
         lattices.join_corners(mesh, &seams);
@@ -170,11 +170,11 @@ struct Sum {
 }
 
 impl Sum {
-    fn of(irradiance: Rgb64, area: f64, uncovered: f64) -> Self {
-        let power = irradiance * area;
+    fn of(irradiance: Rgb, area: f64, uncovered: f32) -> Self {
+        let power = irradiance.as_dvec3() * area;
         if uncovered > 0.0 {
             // What arrives on the patch arrives on its uncovered part.
-            Sum { power, area: area * uncovered, ..Sum::default() }
+            Sum { power, area: area * uncovered as f64, ..Sum::default() }
         } else {
             Sum { covered_power: power, covered_area: area, ..Sum::default() }
         }
@@ -204,7 +204,7 @@ struct Lattices {
 }
 
 impl Lattices {
-    fn of(mesh: &PatchMesh, irradiance: &[Rgb64], uncovered: &[f64]) -> Self {
+    fn of(mesh: &PatchMesh, irradiance: &[Rgb], uncovered: &[f32]) -> Self {
         let mut lattices = Lattices { sums: Vec::new(), first: Vec::new() };
         for side in mesh.sides() {
             let first = lattices.sums.len();
@@ -283,7 +283,7 @@ mod tests {
         scene(vec![Triangle::new(b, a, far), Triangle::new(folded, a, b)])
     }
 
-    fn vertices(mesh: &PatchMesh, irradiance: &[Rgb64], crease: f32) -> Interpolated {
+    fn vertices(mesh: &PatchMesh, irradiance: &[Rgb], crease: f32) -> Interpolated {
         Interpolated::new(mesh, irradiance, &vec![1.0; mesh.len()], crease)
     }
 
@@ -323,15 +323,15 @@ mod tests {
         }
     }
 
-    fn noise(count: usize) -> Vec<Rgb64> {
-        (0..count).map(|i| Rgb64::splat(((i * 7919) % 101) as f64)).collect()
+    fn noise(count: usize) -> Vec<Rgb> {
+        (0..count).map(|i| Rgb::splat(((i * 7919) % 101) as f32)).collect()
     }
 
     #[test]
     fn a_constant_stays_constant() {
         let scene = fold(20.0);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(3)).unwrap();
-        let v = vertices(&mesh, &vec![Rgb64::splat(3.0); mesh.len()], 30.0);
+        let v = vertices(&mesh, &vec![Rgb::splat(3.0); mesh.len()], 30.0);
         assert!(v.values.iter().all(|value| (*value - 3.0).abs().max_element() < 1e-6));
     }
 
@@ -352,7 +352,7 @@ mod tests {
     fn a_crease_stays_sharp() {
         let scene = fold(40.0);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
-        let values = [Rgb64::splat(1.0), Rgb64::splat(5.0)];
+        let values = [Rgb::splat(1.0), Rgb::splat(5.0)];
         let sharp = vertices(&mesh, &values, 30.0);
         assert_eq!(along_edge(&sharp, &mesh, 0.5), [Rgb::splat(1.0), Rgb::splat(5.0)]);
         let soft = vertices(&mesh, &values, 50.0);
@@ -368,7 +368,7 @@ mod tests {
         triangles.push(Triangle::new(Vec3::ZERO, Vec3::Y, Vec3::new(0.0, 0.5, 1.0)));
         let scene = scene(triangles);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
-        let values = [1.0, 5.0, 9.0].map(Rgb64::splat);
+        let values = [1.0, 5.0, 9.0].map(Rgb::splat);
         let v = vertices(&mesh, &values, 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(1.0), Rgb::splat(5.0)]);
     }
@@ -378,11 +378,11 @@ mod tests {
         // Irradiance 3 on each uncovered part; half of the second triangle is covered.
         let scene = fold(0.0);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
-        let values = [3.0, 1.5].map(Rgb64::splat);
+        let values = [3.0, 1.5].map(Rgb::splat);
         let v = Interpolated::new(&mesh, &values, &[1.0, 0.5], 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
         // Covered everywhere, the second triangle says nothing about the common edge.
-        let values = [3.0, 0.0].map(Rgb64::splat);
+        let values = [3.0, 0.0].map(Rgb::splat);
         let v = Interpolated::new(&mesh, &values, &[1.0, 0.0], 30.0);
         assert_eq!(along_edge(&v, &mesh, 0.5), [Rgb::splat(3.0); 2]);
     }
@@ -394,7 +394,7 @@ mod tests {
         let quarter = |k: usize| Triangle::new(Vec3::ZERO, corners[k], corners[(k + 1) % 4]);
         let scene = scene((0..4).map(quarter).collect());
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap();
-        let values = [1.0, 2.0, 3.0, 6.0].map(Rgb64::splat);
+        let values = [1.0, 2.0, 3.0, 6.0].map(Rgb::splat);
         let v = vertices(&mesh, &values, 30.0);
         for side in 0..4 {
             assert_eq!(at_corner(&v, &mesh, side, 0, 0), Rgb::splat(3.0));

@@ -3,7 +3,7 @@
 use crate::scenes::{Piece, cube, grey, inside_out, scene, square};
 use glam::Vec3;
 use isolux::bvh::Bvh;
-use isolux::color::Rgb;
+use isolux::color::{Rgb, rounded};
 use isolux::equivalence::{Cause, Pair, Pipeline};
 use isolux::field::{Constant, Interpolated, IrradianceField};
 use isolux::form_factor::{Estimator, ExchangeMatrix, Rows, Transport};
@@ -76,7 +76,7 @@ fn light(caster: &dyn RayCaster, mesh: &PatchMesh, method: Method) -> Radiosity 
 }
 
 fn draw(caster: &dyn RayCaster, mesh: &PatchMesh, from: &Document, light: &Radiosity) -> Image {
-    let flat = Constant::new(&light.irradiance, &vec![1.0; mesh.len()]);
+    let flat = Constant::new(&rounded(&light.irradiance), &vec![1.0; mesh.len()]);
     let frame = Frame { samples: 4, seed: 3, ..Frame::new(96, 96) };
     let camera = from.camera.as_ref().expect("a camera");
     render(caster, mesh, camera, &frame, &[&flat], &()).remove(0)
@@ -244,8 +244,9 @@ impl RayCaster for OnGrid<'_> {
 /// Flat and smooth.
 fn grid_pictures(caster: &dyn RayCaster, mesh: &PatchMesh, light: &Radiosity) -> [Image; 2] {
     let shares = vec![1.0; mesh.len()];
-    let flat = Constant::new(&light.irradiance, &shares);
-    let smooth = Interpolated::new(mesh, &light.irradiance, &shares, 30.0);
+    let irradiance = rounded(&light.irradiance);
+    let flat = Constant::new(&irradiance, &shares);
+    let smooth = Interpolated::new(mesh, &irradiance, &shares, 30.0);
     let fields: [&dyn IrradianceField; 2] = [&flat, &smooth];
     let camera = grid_camera();
     let frame = Frame { samples: 4, seed: 3, ..Frame::new(96, 96) };

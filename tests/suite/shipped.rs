@@ -100,7 +100,7 @@ fn half_of_the_light_that_reaches_the_screen_passes_it() {
     let below = |scene: &Scene, seed| {
         let light = light(&document, scene, 3, seed);
         let mesh = light.patches();
-        let power = |patch: PatchId| mesh.area(patch) * light.irradiance()[patch.index()].y;
+        let power = |patch: PatchId| mesh.area(patch) * light.irradiance()[patch.index()].y as f64;
         let room = |patch: &PatchId| !["screen", "lamp"].contains(&material_of(&mesh, *patch));
         all(&mesh).filter(room).map(power).sum::<f64>()
     };
@@ -128,7 +128,7 @@ fn three_quarters_of_the_light_pass_the_panes_of_the_greenhouse() {
     let mesh = light.patches();
     let soil: Vec<DVec3> = all(&mesh)
         .filter(|&patch| material_of(&mesh, patch) == "soil" && !mesh.side(patch).is_back)
-        .map(|patch| light.irradiance()[patch.index()] / (PI * scene.sky.as_dvec3()))
+        .map(|patch| light.irradiance()[patch.index()].as_dvec3() / (PI * scene.sky.as_dvec3()))
         .collect();
     let mean = soil.iter().sum::<DVec3>() / soil.len() as f64;
     // Each way to the sky crosses one pane, and is stopped there independently of all others.

@@ -17,7 +17,7 @@ mod work;
 
 use super::samples::Eye;
 use super::{Frame, Image};
-use crate::color::Rgb64;
+use crate::color::Rgb;
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh};
 use crate::paths::{Lights, Paths, Solved};
@@ -38,8 +38,8 @@ impl Gathered {
     /// `irradiance` in W·m⁻², and the uncovered share of its area, per patch.
     pub(crate) fn new(
         mesh: &Arc<PatchMesh>,
-        irradiance: &[Rgb64],
-        uncovered: &[f64],
+        irradiance: &[Rgb],
+        uncovered: &[f32],
         seed: u64,
     ) -> Self {
         let lights = Lights::of(mesh);
@@ -48,7 +48,7 @@ impl Gathered {
                 let patch = PatchId(i as u32);
                 // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
                 let share = if share > 0.0 { share } else { 1.0 };
-                let reflected = mesh.reflectance(patch) * (*irradiance / share).as_vec3();
+                let reflected = mesh.reflectance(patch) * (*irradiance / share);
                 reflected + lights.unsampled(mesh, patch)
             });
         let solved = Solved::new(mesh, &radiosity.collect::<Vec<_>>());
