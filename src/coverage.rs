@@ -34,32 +34,28 @@ pub(crate) fn uncovered(
     let rays = AtomicU64::new(0);
     let search = Search::new(caster, mesh);
     let mut shares = vec![1.0; mesh.len()];
-    // Where no side is black, nothing is covered.
-    if search.has_black_sides {
-        let batches = shares.par_chunks_mut(BATCH).enumerate();
-        batches.for_each_init(Work::default, |work, (batch, shares)| {
-            progress.advance(shares.len() as u64);
-            // The caller throws away what is left undone.
-            if !progress.is_stopped() {
-                let first = PatchId((batch * BATCH) as u32);
-                rays.fetch_add(search.shares(work, first, shares), Ordering::Relaxed);
-            }
-        });
-    }
+    let batches = shares.par_chunks_mut(BATCH).enumerate();
+    batches.for_each_init(Work::default, |work, (batch, shares)| {
+        progress.advance(shares.len() as u64);
+        // The caller throws away what is left undone.
+        if !progress.is_stopped() {
+            let first = PatchId((batch * BATCH) as u32);
+            rays.fetch_add(search.shares(work, first, shares), Ordering::Relaxed);
+        }
+    });
     progress.end();
     (shares, rays.into_inner())
 }
 
 /// The uncovered share of one patch's area, in [0, 1].
 pub(crate) fn uncovered_share(caster: &dyn RayCaster, mesh: &PatchMesh, patch: PatchId) -> f32 {
-    let (search, mut share) = (Search::new(caster, mesh), [1.0]);
-    if search.has_black_sides {
-        search.shares(&mut Work::default(), patch, &mut share);
-    }
+    let mut share = [1.0];
+    Search::new(caster, mesh).shares(&mut Work::default(), patch, &mut share);
     share[0]
 }
 
-struct Search<'a> {
+/// Finds what is covered.
+pub(crate) struct Search<'a> {
     caster: &'a dyn RayCaster,
     mesh: &'a PatchMesh,
     small: f64,
@@ -68,19 +64,24 @@ struct Search<'a> {
 
 /// One thread's buffers.
 #[derive(Default)]
-struct Work {
+pub(crate) struct Work {
     rays: Vec<Ray>,
     hits: Vec<Option<Hit>>,
 }
 
 impl<'a> Search<'a> {
-    fn new(caster: &'a dyn RayCaster, mesh: &'a PatchMesh) -> Self {
+    pub(crate) fn new(caster: &'a dyn RayCaster, mesh: &'a PatchMesh) -> Self {
         let has_black_sides = mesh.sides().len() < 2 * mesh.scene.triangles.len();
         Search { caster, mesh, small: SMALL * mesh.scene.area(), has_black_sides }
     }
 
     /// Sets the shares of the patches from `first` on. Returns the number of rays that it took.
-    fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f32]) -> u64 {
+    pub(crate) fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f32]) -> u64 {
+        // Where no side is black, nothing is covered.
+        if !self.has_black_sides {
+            shares.fill(1.0);
+            return 0;
+        }
         let patches = || (first.0..).take(shares.len()).map(PatchId);
         work.rays.clear();
         for patch in patches().filter(|patch| !self.mesh.is_cluster(*patch)) {

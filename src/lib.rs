@@ -47,6 +47,7 @@
 //! | 7 | `paths` | paths of light, which end by chance or where a solution is known |
 //! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated, path-traced |
 //! | 8 | [`render`], `export` | pictures by fields or by gathering, exposure; files that appear whole |
+//! | 9 | [`two_level`] | light on very many patches, gathered from fewer, whole or in parts |
 //! | 8 | `lit_sides`, `framing` | sides that light reaches; a camera for scenes without one |
 //! | 9 | [`plan`] | from a scene and its settings to its solution |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
@@ -125,6 +126,7 @@ pub mod scene;
 pub mod settings;
 pub mod solution;
 pub mod solver;
+pub mod two_level;
 pub mod verify;
 pub mod view;
 

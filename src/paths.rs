@@ -8,8 +8,8 @@
 use crate::color::{Rgb, luminance};
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::light::{EmittingTriangles, Light, LightSample};
-use crate::patches::{PatchId, PatchMesh, Side, SurfacePoint};
-use crate::sampling::{Purpose, Shuffled, cosine_hemisphere};
+use crate::patches::{Members, PatchId, PatchMesh, Side, SurfacePoint};
+use crate::sampling::{Purpose, Shuffled, cosine_hemisphere, uniform_triangle};
 use glam::Vec3;
 use std::f32::consts::PI;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -86,6 +86,40 @@ impl Start {
     }
 }
 
+/// The paths of one patch, from points all over it.
+pub(crate) struct PatchPaths {
+    pub seed: u64,
+    /// Sets of paths that are independent of each other.
+    pub sets: u32,
+    /// Paths of each set, which share a low-discrepancy sequence.
+    pub paths: u32,
+}
+
+impl PatchPaths {
+    /// Adds the starts of a patch's paths, set by set.
+    pub(crate) fn add_starts(&self, mesh: &PatchMesh, patch: PatchId, starts: &mut Vec<Start>) {
+        let members = Members::of(mesh, patch);
+        let only = (!mesh.is_cluster(patch))
+            .then(|| mesh.side(patch).sampling_area(&mesh.triangle(patch)));
+        for set in 0..self.sets {
+            let stream = OF_PATCHES | (patch.0 as u64 * self.sets as u64 + set as u64);
+            let places = Shuffled::new(self.seed, Purpose::PatchPoint, stream);
+            starts.extend((0..self.paths).map(|number| {
+                let [x0, x1, ..] = places.point(number);
+                let (side, x0) = members.choose(x0);
+                let [p0, p1, p2] =
+                    only.unwrap_or_else(|| side.sampling_area(&members.part(side))).p;
+                let [l0, l1, l2] = uniform_triangle(x0, x1);
+                let point = side.lifted(p0 * l0 + p1 * l1 + p2 * l2);
+                Start { point, normal: side.normal, stream, number }
+            }));
+        }
+    }
+}
+
+/// Tells the streams of patches from those of pixels.
+const OF_PATCHES: u64 = 1 << 51;
+
 /// Pixels along an edge of a square: a power of two.
 const SQUARE: u32 = 32;
 
@@ -131,6 +165,24 @@ struct Known {
 const BRIGHT: f64 = 5.0;
 
 impl Solved {
+    /// What is known from the irradiance in W·m⁻² and the uncovered share of its area, per patch.
+    pub(crate) fn of(
+        mesh: &PatchMesh,
+        lights: &Lights,
+        irradiance: &[Rgb],
+        uncovered: &[f32],
+    ) -> Solved {
+        let of_patch = |(i, (irradiance, &share)): (usize, (&Rgb, &f32))| {
+            let patch = PatchId(i as u32);
+            // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
+            let share = if share > 0.0 { share } else { 1.0 };
+            let reflected = mesh.reflectance(patch) * (*irradiance / share);
+            reflected + lights.unsampled(mesh, patch)
+        };
+        let patches = irradiance.iter().zip(uncovered).enumerate();
+        Solved::new(mesh, &patches.map(of_patch).collect::<Vec<_>>())
+    }
+
     /// `radiosity`: B in W·m⁻² without what the lights sample, per patch.
     pub(crate) fn new(mesh: &PatchMesh, radiosity: &[Rgb]) -> Solved {
         let patches = || (0..mesh.len() as u32).map(PatchId);
@@ -187,6 +239,7 @@ impl Paths<'_> {
         let mut step = Step::default();
         self.begin(&mut step, starts);
         self.sample_lights(&mut step, starts, 0, irradiance);
+        self.sample_bright(&mut step, starts, 0, irradiance);
         self.add_rest(&mut step, starts, irradiance);
     }
 

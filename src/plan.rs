@@ -7,10 +7,11 @@ use crate::geometry::RayCaster;
 use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Split, Subdivision};
 use crate::progress::Progress;
-use crate::radiosity::{self, Choices, Method};
+use crate::radiosity::{self, Choices, Method, Solver};
 use crate::scene::{Document, Scene};
-use crate::settings::Settings;
+use crate::settings::{PATCHES, Settings};
 use crate::solution::{Figures, PatchLight, Solution};
+use crate::two_level::{Elements, LocalPass, Part, Share, put_together};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -41,13 +42,16 @@ impl<'d> Plan<'d> {
     /// # Errors
     /// Settings out of their ranges, or more patches than can be numbered.
     pub fn new(document: &'d Document, scene: &Scene, settings: &Settings) -> Result<Plan<'d>> {
-        let settings = Settings {
+        let mut settings = Settings {
             patches: settings.patches.or(&document.patches),
             light: settings.light.or(&document.light),
             seed: settings.seed,
         };
         let of_document = |error: Error| error.in_file_if_none(&document.file);
         let mut split = Subdivision::of(&settings.patches).split(scene).map_err(of_document)?;
+        if settings.light.suit_two_levels(split.patches()) {
+            settings.light.solver = Some(Solver::TwoLevel);
+        }
         let choices = Choices::new(&settings, scene).map_err(of_document)?;
         if choices.method == Method::Pairs {
             // A pair of clusters has no solid angle.
@@ -71,6 +75,11 @@ impl<'d> Plan<'d> {
             .map_err(|error| error.in_file_if_none(&self.document.file))
     }
 
+    /// Whether the light is solved in two levels, and so can be solved in parts.
+    pub fn is_in_two_levels(&self) -> bool {
+        self.choices.solver == Solver::TwoLevel
+    }
+
     /// Solves the light. `caster` must know the scene's triangles.
     ///
     /// # Errors
@@ -80,6 +89,11 @@ impl<'d> Plan<'d> {
         caster: &dyn RayCaster,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
+        if self.is_in_two_levels() {
+            let keep = &mut |_: &Part| Ok(());
+            let (part, spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
+            return Ok((put_together(vec![part]), spent));
+        }
         let mesh = Arc::new(self.patches(caster)?);
         let light = radiosity::solve(caster, &mesh, &self.choices, progress)
             .map_err(|error| error.in_file_if_none(&self.document.file))?;
@@ -100,6 +114,46 @@ impl<'d> Plan<'d> {
         let light = PatchLight { irradiance, error: Vec::new(), uncovered };
         let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
         Ok((solution, spent))
+    }
+
+    /// Solves the light of a share of the patches, in two levels; [`join`](crate::two_level::join) puts all parts
+    /// together. `begun` is what was done of it before. `keep` may store what is done, now and then.
+    ///
+    /// # Errors
+    /// Light that is not solved in two levels; `begun` of something else; and see [`radiosity::solve`].
+    pub fn solve_part(
+        &self,
+        caster: &dyn RayCaster,
+        share: Share,
+        begun: Option<Part>,
+        keep: &mut dyn FnMut(&Part) -> Result<()>,
+        progress: &dyn Progress,
+    ) -> Result<(Part, Spent)> {
+        if !self.is_in_two_levels() {
+            return Err(Error::new("only light that is solved in two levels has parts"));
+        }
+        let mesh = Arc::new(self.patches(caster)?);
+        let sides = mesh.sides_of_triangles();
+        let split = Subdivision::Count(PATCHES).split(&self.scene)?;
+        let elements = PatchMesh::new(&self.scene, &split, &sides)?;
+        let elements = Elements::solve(caster, elements, &self.choices, progress)
+            .map_err(|error| error.in_file_if_none(&self.document.file))?;
+        let start = Instant::now();
+        let camera = self.document.view(&self.scene, &sides, caster);
+        let figures = Figures::of(&elements.light);
+        let unlit = Solution::unlit(self.document, &mesh, &self.choices, figures, camera);
+        let mut part = Part::new(share, mesh.len(), unlit);
+        begun.map_or(Ok(()), |begun| part.take_up(begun))?;
+        part.check_memory()?;
+        let pass = LocalPass::new(caster, &mesh, &elements, &self.choices);
+        let cover_rays = pass.finish(&mut part, keep, progress)?;
+        let spent = Spent {
+            rays: elements.light.rays + elements.cover_rays + part.rays() + cover_rays,
+            transport: elements.light.transport_time + start.elapsed(),
+            solve: elements.light.solve_time,
+            coverage: Duration::ZERO,
+        };
+        Ok((part, spent))
     }
 }
 

@@ -11,6 +11,8 @@ pub enum Stage {
     Shots,
     /// The search for patches that others cover.
     Coverage,
+    /// The light of each patch, gathered from the elements.
+    Patches,
     Render,
     Verify,
     Bench,

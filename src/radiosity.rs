@@ -13,7 +13,9 @@ use crate::progress::Progress;
 use crate::sampling::{PointSet, Purpose};
 use crate::scene::Scene;
 use crate::settings::Settings;
-use crate::settings::{DIRECT_SAMPLES, HEMISPHERE_RAYS, MEMORY_PERCENT, PAIR_SAMPLES, TOLERANCE};
+use crate::settings::{
+    DIRECT_SAMPLES, HEMISPHERE_RAYS, MEMORY_PERCENT, PAIR_SAMPLES, PATHS, TOLERANCE,
+};
 pub use crate::settings::{Method, Solver};
 use crate::solver::{Converged, MatrixMethod, Problem, Stop};
 use serde::{Deserialize, Serialize};
@@ -24,7 +26,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Choices {
     pub method: Method,
-    /// Samples per pair, or rays per patch.
+    /// Samples per pair, or rays per patch; in two levels paths per patch.
     pub samples: u32,
     pub points: PointSet,
     /// Points of the emitters sampled for each patch's direct light; 0 lets the form factors carry
@@ -42,15 +44,22 @@ impl Choices {
     /// Fills in what the settings leave open by the defaults that suit the scene.
     ///
     /// # Errors
-    /// A number of regular points that is no square.
+    /// A number of regular points that is no square; two levels with pairs, or with other points than
+    /// low-discrepancy ones.
     pub fn new(settings: &Settings, scene: &Scene) -> Result<Choices> {
         let light = &settings.light;
         let method = light.form_factors.unwrap_or_default();
-        let samples = light.samples.unwrap_or(match method {
-            Method::Pairs => PAIR_SAMPLES,
-            Method::Hemisphere => HEMISPHERE_RAYS,
+        let solver = light.solver.unwrap_or_default();
+        let samples = light.samples.unwrap_or(match (method, solver) {
+            (_, Solver::TwoLevel) => PATHS,
+            (Method::Pairs, _) => PAIR_SAMPLES,
+            (Method::Hemisphere, _) => HEMISPHERE_RAYS,
         });
         let points = light.points.unwrap_or_default();
+        if solver == Solver::TwoLevel && (method, points) != Default::default() {
+            return Err(Error::new("two levels with pairs, or with points that are not `sobol`")
+                .remedy("two levels take hemispheres and low-discrepancy points: leave both choices out"));
+        }
         if points == PointSet::Regular && samples.isqrt().pow(2) != samples {
             return Err(Error::new(format!("{samples} regular points"))
                 .remedy("a triangle splits regularly into 1, 4, 9, 16, … parts: give a square"));
@@ -62,7 +71,7 @@ impl Choices {
             samples,
             points,
             direct_samples: light.direct.unwrap_or(if sampled { DIRECT_SAMPLES } else { 0 }),
-            solver: light.solver.unwrap_or_default(),
+            solver,
             stop: light.iterations.map_or(tolerance, Stop::Iterations),
             seed: settings.seed,
             memory_limit: match light.memory {
@@ -72,12 +81,18 @@ impl Choices {
         })
     }
 
+    /// How the elements of a solution in two levels are solved.
+    pub(crate) fn of_elements(&self) -> Choices {
+        Choices { solver: Solver::default(), samples: HEMISPHERE_RAYS, ..*self }
+    }
+
     /// At most how many rays a solution takes, with n patches: for each `samples` and `direct_samples` by
-    /// hemispheres, or `samples` for each of n²/2 pairs.
+    /// hemispheres, or `samples` for each of n²/2 pairs. In two levels paths have two rays or more each.
     pub fn expected_rays(&self, patches: u64) -> u64 {
-        let of_each = match self.method {
-            Method::Pairs => (patches / 2).saturating_mul(self.samples as u64),
-            Method::Hemisphere => self.samples as u64,
+        let of_each = match (self.method, self.solver) {
+            (_, Solver::TwoLevel) => 2 * self.samples as u64,
+            (Method::Pairs, _) => (patches / 2).saturating_mul(self.samples as u64),
+            (Method::Hemisphere, _) => self.samples as u64,
         };
         patches
             .saturating_mul(of_each.saturating_add(self.direct_samples as u64 + SKY_SAMPLES as u64))
@@ -140,7 +155,8 @@ const BYTES_PER_PATCH: u64 = 320;
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///
 /// # Errors
-/// No emitter, a matrix that does not fit, light that does not converge; or `progress` asked to stop.
+/// No emitter, a matrix that does not fit, light that does not converge, or two levels, for which there have to be
+/// elements beside the patches (see [`Plan::solve`](crate::plan::Plan::solve)); or `progress` asked to stop.
 pub fn solve(
     caster: &dyn RayCaster,
     mesh: &PatchMesh,
@@ -174,6 +190,7 @@ pub fn solve(
         Solver::Jacobi => Some(MatrixMethod::Jacobi),
         Solver::GaussSeidel => Some(MatrixMethod::GaussSeidel),
         Solver::Southwell => None,
+        Solver::TwoLevel => return Err(Error::new("two levels for one set of patches")),
     };
     let (transport_time, solution, reciprocity_defect) = match method {
         Some(method) => {

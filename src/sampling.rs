@@ -45,6 +45,7 @@ pub enum Purpose {
     Roulette,
     Bright,
     Lamp,
+    PatchPoint,
 }
 
 /// A seeded sequence of points in [0, 1)⁴.

@@ -31,12 +31,18 @@ pub enum Solver {
     GaussSeidel,
     /// Shooting, which stores no matrix.
     Southwell,
+    /// Every patch by rays of its own, which read a solution on fewer and larger elements.
+    TwoLevel,
 }
 
 /// Samples per pair of patches, unless another number is asked for.
 pub(crate) const PAIR_SAMPLES: u32 = 9;
 /// Rays per patch.
 pub(crate) const HEMISPHERE_RAYS: u32 = 128;
+/// Paths per patch of a solution in two levels.
+pub(crate) const PATHS: u32 = 64;
+/// From this many patches on, two levels are the default.
+pub(crate) const MANY_PATCHES: u64 = 100_000;
 /// Points of small emitters per patch.
 pub(crate) const DIRECT_SAMPLES: u32 = 32;
 /// The relative residual at which to stop.
@@ -106,7 +112,8 @@ pub struct LightSettings {
     /// Samples per pair, or rays per patch.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SAMPLES as i64),
           help_heading = "Light", help = format!(
-              "Samples per pair [default: {PAIR_SAMPLES}], or rays per patch [default: {HEMISPHERE_RAYS}]"))]
+              "Samples per pair [default: {PAIR_SAMPLES}], or rays per patch [default: {HEMISPHERE_RAYS}; with \
+               --solver {}, {PATHS}]", name_of(Solver::TwoLevel)))]
     pub samples: Option<u32>,
 
     /// Where samples lie.
@@ -133,11 +140,14 @@ pub struct LightSettings {
     #[arg(
         long,
         hide_possible_values = true,
-        value_name = "jacobi|gauss-seidel|southwell",
+        value_name = "jacobi|gauss-seidel|southwell|two-level",
         help_heading = "Light",
         help = format!(
-            "How the radiosity equation is solved; {} stores no matrix [default: {}]",
-            name_of(Solver::Southwell), name_of(Solver::default()))
+            "How the radiosity equation is solved; {} stores no matrix, and {} solves on about {PATCHES} \
+             elements from which every patch gathers its light [default: {}, and {} if there are more than \
+             {MANY_PATCHES} patches with --form-factors {}]",
+            name_of(Solver::Southwell), name_of(Solver::TwoLevel), name_of(Solver::default()),
+            name_of(Solver::TwoLevel), name_of(Method::Hemisphere))
     )]
     pub solver: Option<Solver>,
 
@@ -198,6 +208,14 @@ impl LightSettings {
             iterations: stop.iterations,
             memory: self.memory.or(other.memory),
         }
+    }
+
+    /// Whether this many patches are solved in two levels, if nothing else is asked for.
+    pub(crate) fn suit_two_levels(&self, patches: u64) -> bool {
+        patches > MANY_PATCHES
+            && self.solver.is_none()
+            && self.form_factors.unwrap_or_default() == Method::Hemisphere
+            && self.points.unwrap_or_default() == PointSet::Sobol
     }
 
     pub(crate) fn check(&self) -> Result<()> {

@@ -239,12 +239,12 @@ impl Solution {
 }
 
 impl PatchLight {
-    fn is_of(&self, patches: usize) -> bool {
+    pub(crate) fn is_of(&self, patches: usize) -> bool {
         let lengths = [self.irradiance.len(), self.uncovered.len()];
         lengths == [patches; 2] && [0, patches].contains(&self.error.len())
     }
 
-    fn is_possible(&self) -> bool {
+    pub(crate) fn is_possible(&self) -> bool {
         let is_light = |h: &Rgb| h.is_finite() && h.cmpge(Rgb::ZERO).all();
         self.irradiance.iter().all(is_light)
             && self.error.iter().all(|error| (0.0..=f32::MAX).contains(error))

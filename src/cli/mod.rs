@@ -3,6 +3,8 @@
 mod arguments;
 mod bench;
 mod info;
+mod join;
+mod partial;
 mod progress;
 mod render;
 mod report;
@@ -26,6 +28,7 @@ struct Cli {
 enum Command {
     Render(Box<arguments::RenderArguments>),
     Solve(Box<solve::Arguments>),
+    Join(join::Arguments),
     Info(info::Arguments),
     Verify(verify::Arguments),
     Bench(bench::Arguments),
@@ -50,7 +53,7 @@ fn flags_for(kind: ErrorKind) -> &'static str {
         ErrorKind::Patches => "  flags: raise --max-edge or lower --levels\n",
         ErrorKind::Memory => {
             "  flags: raise --max-edge or lower --levels or --samples, use --form-factors \
-             hemisphere or --solver southwell\n"
+             hemisphere or --solver two-level\n"
         }
         ErrorKind::Divergence => "  flags: --tolerance, --samples, --form-factors hemisphere\n",
         _ => "",
@@ -61,6 +64,7 @@ fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
         Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Solve(arguments) => solve::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Join(arguments) => join::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments).map(|()| ExitCode::SUCCESS),

@@ -46,6 +46,7 @@ fn name(stage: Stage) -> &'static str {
         Stage::Solve => "solve",
         Stage::Shots => "shots",
         Stage::Coverage => "coverage",
+        Stage::Patches => "patches",
         Stage::Render => "render",
         Stage::Verify => "verify",
         Stage::Bench => "bench",

@@ -195,15 +195,16 @@ impl Report {
                 format!("{:.2} % (root mean square of the pixels' standard errors)", 100.0 * error),
             );
         }
-        line(
-            "rays",
-            format!(
-                "{:.1} M in {:.2} s of tracing and shading, {:.1} M/s",
-                self.rays as f64 * 1e-6,
-                s.transport + s.render,
-                self.rays as f64 * 1e-6 / (s.transport + s.render)
+        let (millions, tracing) = (self.rays as f64 * 1e-6, s.transport + s.render);
+        let rays = match tracing {
+            // Others traced them.
+            0.0 => format!("{millions:.1} M"),
+            _ => format!(
+                "{millions:.1} M in {tracing:.2} s of tracing and shading, {:.1} M/s",
+                millions / tracing
             ),
-        );
+        };
+        line("rays", rays);
         line(
             "seconds",
             format!(

@@ -17,4 +17,5 @@ mod scenes;
 mod shipped;
 mod snapshots;
 mod structure;
+mod two_level;
 mod verify;

@@ -19,7 +19,7 @@ use super::samples::Eye;
 use super::{Frame, Image};
 use crate::color::Rgb;
 use crate::geometry::RayCaster;
-use crate::patches::{PatchId, PatchMesh};
+use crate::patches::PatchMesh;
 use crate::paths::{Lights, Paths, Solved};
 use crate::progress::Progress;
 use crate::scene::Camera;
@@ -43,15 +43,7 @@ impl Gathered {
         seed: u64,
     ) -> Self {
         let lights = Lights::of(mesh);
-        let radiosity =
-            irradiance.iter().zip(uncovered).enumerate().map(|(i, (irradiance, &share))| {
-                let patch = PatchId(i as u32);
-                // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
-                let share = if share > 0.0 { share } else { 1.0 };
-                let reflected = mesh.reflectance(patch) * (*irradiance / share);
-                reflected + lights.unsampled(mesh, patch)
-            });
-        let solved = Solved::new(mesh, &radiosity.collect::<Vec<_>>());
+        let solved = Solved::of(mesh, &lights, irradiance, uncovered);
         Gathered { solved, mesh: mesh.clone(), lights, seed }
     }
 

@@ -1,0 +1,41 @@
+//! `isolux join`: from the parts that `isolux solve --part` made to the whole light.
+
+use super::report::{Report, Seconds};
+use super::say;
+use super::solve::check_light;
+use crate::error::Result;
+use crate::export::file::{check_distinct, check_writable};
+use crate::plan::Spent;
+use crate::two_level::{self, Part};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Put the parts of a scene's light together: the result has the bits of one run
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// All parts that `isolux solve --part` made, in any order
+    #[arg(required = true, value_name = "PART")]
+    parts: Vec<PathBuf>,
+
+    /// Light to write: a .light file, which holds the scene too
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let start = Instant::now();
+    check_light(&arguments.output)?;
+    check_writable(&arguments.output)?;
+    let inputs: Vec<&Path> = arguments.parts.iter().map(PathBuf::as_path).collect();
+    check_distinct(&[&arguments.output], &inputs)?;
+    let parts = arguments.parts.iter().map(Part::load).collect::<Result<_>>()?;
+    let solution = two_level::join(parts)?;
+    let seconds = Seconds::new(start.elapsed(), Duration::ZERO, &Spent::default());
+    solution.save(&arguments.output)?;
+    let mut report = Report::new(&solution, seconds, [arguments.output.as_path()]);
+    report.rays = solution.figures.rays;
+    report.seconds.total = start.elapsed().as_secs_f64();
+    super::warn(report.warning().as_slice());
+    say(&report.to_text());
+    Ok(())
+}

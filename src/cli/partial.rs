@@ -1,0 +1,49 @@
+//! What a long solve has done so far, kept beside its output so that it can be gone on with.
+
+use crate::error::Result;
+use crate::two_level::Part;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// At most this much work is lost.
+const EVERY: Duration = Duration::from_secs(60);
+
+/// The file FILE.partial of an output FILE.
+pub(super) struct Partial {
+    path: PathBuf,
+    kept: Instant,
+}
+
+impl Partial {
+    pub(super) fn of(output: &Path) -> Partial {
+        let mut path = output.as_os_str().to_owned();
+        path.push(".partial");
+        Partial { path: path.into(), kept: Instant::now() }
+    }
+
+    /// `None` if nothing was kept.
+    ///
+    /// # Errors
+    /// See [`Part::load`].
+    pub(super) fn load(&self) -> Result<Option<Part>> {
+        if self.path.exists() { Part::load(&self.path).map(Some) } else { Ok(None) }
+    }
+
+    /// Keeps what is done, if it is time.
+    ///
+    /// # Errors
+    /// Whatever the system says.
+    pub(super) fn keep(&mut self, part: &Part) -> Result<()> {
+        if self.kept.elapsed() < EVERY || part.is_finished() {
+            return Ok(());
+        }
+        part.save(&self.path)?;
+        self.kept = Instant::now();
+        Ok(())
+    }
+
+    /// Once the output is there, nothing is left to go on with.
+    pub(super) fn remove(&self) {
+        let _ = std::fs::remove_file(&self.path);
+    }
+}
