@@ -290,7 +290,7 @@ fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {
         ),
         Method::Hemisphere => (
             HemisphereRows::bytes_needed(patches, settings.samples),
-            "take larger patches or fewer samples, or Southwell's method, which stores no matrix",
+            "take larger patches or fewer samples, or two levels or Southwell's method, which store no matrix",
         ),
     };
     let what = format!("the form-factor matrix of {patches} patches");

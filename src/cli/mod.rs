@@ -53,7 +53,7 @@ fn flags_for(kind: ErrorKind) -> &'static str {
         ErrorKind::Patches => "  flags: raise --max-edge or lower --levels\n",
         ErrorKind::Memory => {
             "  flags: raise --max-edge or lower --levels or --samples, use --form-factors \
-             hemisphere or --solver two-level\n"
+             hemisphere, --solver two-level or --solver southwell\n"
         }
         ErrorKind::Divergence => "  flags: --tolerance, --samples, --form-factors hemisphere\n",
         _ => "",

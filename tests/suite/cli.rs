@@ -151,6 +151,7 @@ fn threads_do_not_change_a_byte() {
         &["--form-factors", "hemisphere", "--solver", "jacobi"],
         &["--form-factors", "pairs", "--solver", "southwell", "--tolerance", "1e-2"],
         &["--form-factors", "hemisphere", "--solver", "southwell"],
+        &["--solver", "two-level"],
     ] {
         let picture = |threads: &str| {
             room.render("room.toml", more).args(["--threads", threads]).assert().success();
@@ -184,6 +185,7 @@ fn every_choice_of_method_draws_about_the_same_picture() {
         &["--kernel", "plane"][..],
         &["--solver", "jacobi"],
         &["--solver", "southwell"],
+        &["--solver", "two-level"],
         &["--form-factors", "pairs"],
         &["--form-factors", "pairs", "--solver", "southwell"],
         &["--form-factors", "pairs", "--points", "random"],
@@ -286,7 +288,13 @@ fn a_matrix_that_does_not_fit_names_the_remedy() {
         command.args(["--memory", "0"]);
         command
     });
-    for word in ["64 patches", "KiB", "--solver southwell", "--form-factors hemisphere"] {
+    for word in [
+        "64 patches",
+        "KiB",
+        "--solver southwell",
+        "--solver two-level",
+        "--form-factors hemisphere",
+    ] {
         assert!(said.contains(word), "no '{word}' in: {said}");
     }
     room.render("room.toml", &["--solver", "southwell", "--memory", "0"]).assert().success();

@@ -69,6 +69,7 @@ fn received(world: &World, settings: &Choices) -> Vec<Vec<f64>> {
     for i in all(&world.mesh) {
         rows.for_each_in_row(i, &mut |j, factor| match settings.solver {
             Solver::Jacobi | Solver::GaussSeidel => f[i.index()][j] += factor,
+            Solver::TwoLevel => unreachable!("it has no matrix"),
             Solver::Southwell => {
                 f[j][i.index()] += factor * world.mesh.area(i) / world.mesh.area(PatchId(j as u32));
             }

@@ -24,7 +24,7 @@ fn without_measurements(text: &str) -> String {
 #[test]
 fn help() {
     assert_snapshot!("help", said(&["--help"]));
-    for command in ["render", "solve", "info", "bench"] {
+    for command in ["render", "solve", "join", "info", "bench"] {
         assert_snapshot!(format!("help-{command}"), said(&[command, "--help"]));
     }
 }

@@ -1,8 +1,8 @@
 //! Light in two levels, whole, in parts and gone on with.
 
-use crate::scenes::all;
 use assert_cmd::Command;
 use isolux::color::luminance;
+use isolux::patches::{PatchId, Side};
 use isolux::plan::Plan;
 use isolux::radiosity::Solver;
 use isolux::scene::Scene;
@@ -50,51 +50,75 @@ fn in_a_furnace_every_patch_receives_what_a_closed_form_says() {
         let error = f64::from(light.error().expect("errors")[patch]);
         let off = (irradiance.as_dvec3() - expected).abs().max_element();
         assert!(off < 1e-3 * expected + 8.0 * error, "patch {patch}: {irradiance} ± {error}");
-        assert!(error < 0.02 * expected, "patch {patch}: {error}");
     }
+    // Only where paths go on from near surfaces, in the corners, do they end by chance.
+    let squares: f64 = errors(&light).iter().map(|error| error.powi(2)).sum();
+    let error = (squares / light.irradiance().len() as f64).sqrt() / expected;
+    println!("the furnace's error: {error}");
+    assert!(error < 0.01, "{error}");
     assert!(light.figures.energy.imbalance().abs() < 1e-3);
 }
 
-#[test]
-fn the_light_is_that_of_the_stored_matrix() {
-    for file in ["cornell-box.toml", "two-rooms.toml", "greenhouse.toml"] {
-        let two_levels = light(file, &settings(3, 2048));
-        let mut by_matrix = settings(3, 2048);
-        by_matrix.light.solver = Some(Solver::GaussSeidel);
-        by_matrix.light.direct = Some(512);
-        let by_matrix = light(file, &by_matrix);
-        assert_eq!(two_levels.uncovered(), by_matrix.uncovered(), "{file}");
-        let mesh = two_levels.patches();
-        let (mut power, mut off, mut squares, mut errors_of) = (0.0, 0.0, 0.0, 0.0);
-        let pairs = luminances(&two_levels).into_iter().zip(luminances(&by_matrix));
-        for ((patch, (a, b)), error) in all(&mesh).zip(pairs).zip(errors(&two_levels)) {
-            let area = mesh.area(patch);
-            power += b * area;
-            off += (a - b) * area;
-            squares += (a - b).powi(2) * area;
-            errors_of += error.powi(2) * area;
+/// The mean luminance of irradiance on each side of a triangle, its standard error where it is known, and the area.
+fn on_sides(light: &Solution) -> Vec<[f64; 3]> {
+    let (mesh, luminances) = (light.patches(), luminances(light));
+    let variance = |patch: PatchId| {
+        light.error().map_or(0.0, |errors| f64::from(errors[patch.index()]).powi(2))
+    };
+    let of_side = |side: &Side| {
+        let (mut sum, mut variances) = (0.0, 0.0);
+        for patch in side.patches() {
+            sum += luminances[patch.index()];
+            variances += variance(patch);
         }
-        let area: f64 = all(&mesh).map(|patch| mesh.area(patch)).sum();
-        let mean = power / area;
-        let (bias, rms, error) =
-            (off / power, (squares / area).sqrt() / mean, (errors_of / area).sqrt() / mean);
-        println!("{file}: bias {bias:.5}, rms difference {rms:.5}, rms error {error:.5}");
-        println!("   balance {:.5}", two_levels.figures.energy.imbalance());
-        assert!(bias.abs() < 5e-3, "{file}: {bias}");
-        assert!(rms < 0.03, "{file}: {rms}");
-        assert!(two_levels.figures.energy.imbalance().abs() < 5e-3, "{file}");
+        let patches = side.patch_count() as f64;
+        [sum / patches, variances.sqrt() / patches, side.patch_area * patches]
+    };
+    mesh.sides().iter().map(of_side).collect()
+}
+
+#[test]
+fn the_light_is_that_of_a_stored_matrix_with_small_patches() {
+    for (file, levels) in [("cornell-box.toml", 3), ("two-rooms.toml", 1), ("greenhouse.toml", 2)] {
+        let two_levels = light(file, &settings(levels, 512));
+        let mut by_matrix = settings(levels + 1, 256);
+        by_matrix.light.solver = Some(Solver::GaussSeidel);
+        let (a, b) = (on_sides(&two_levels), on_sides(&light(file, &by_matrix)));
+        let (mut area, mut power, mut off, mut squares, mut noise) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for ([a, error, a_area], [b, _, _]) in a.into_iter().zip(b) {
+            area += a_area;
+            power += b * a_area;
+            off += (a - b) * a_area;
+            squares += (a - b).powi(2) * a_area;
+            noise += error.powi(2) * a_area;
+        }
+        let (off, mean) = (off / power, power / area);
+        let [rms, noise] = [squares, noise].map(|squares| (squares / area).sqrt() / mean);
+        let imbalance = two_levels.figures.energy.imbalance();
+        println!("{file}: off by {off:.5}, sides by {rms:.5} ± {noise:.5}, balance {imbalance:.5}");
+        assert!(off.abs() < 0.005, "{file}: {off}");
+        assert!(rms < 0.01 + 2.0 * noise, "{file}: {rms} ± {noise}");
+        assert!(imbalance.abs() < 0.005, "{file}: {imbalance}");
     }
 }
 
 #[test]
 fn the_error_of_the_patches_is_as_large_as_it_is_said_to_be() {
-    for file in ["cornell-box.toml", "two-rooms.toml"] {
-        let (few, many) = (light(file, &settings(3, 64)), light(file, &settings(3, 8192)));
-        let pairs = luminances(&few).into_iter().zip(luminances(&many));
-        let squares: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
-        let said = |light: &Solution| errors(light).iter().map(|error| error.powi(2)).sum::<f64>();
-        let ratio = squares / (said(&few) + said(&many));
-        println!("{file}: squares of what is off over squares of errors: {ratio:.3}");
+    for (file, levels) in [("cornell-box.toml", 3), ("two-rooms.toml", 1)] {
+        let few = light(file, &settings(levels, 64));
+        // Paths and elements of another seed are independent of the first.
+        let many = light(file, &Settings { seed: 2, ..settings(levels, 2048) });
+        let [a, b] = [&few, &many].map(luminances);
+        let mean = b.iter().sum::<f64>() / b.len() as f64;
+        // Relative to what the patch receives, so that a few bright ones do not decide.
+        let relative = |x: f64, patch: usize| (x / b[patch].max(0.01 * mean)).powi(2);
+        let off: f64 = (0..b.len()).map(|patch| relative(a[patch] - b[patch], patch)).sum();
+        let said = |light: &Solution| -> f64 {
+            errors(light).into_iter().enumerate().map(|(patch, e)| relative(e, patch)).sum()
+        };
+        let ratio = off / (said(&few) + said(&many));
+        let error = (said(&few) / b.len() as f64).sqrt();
+        println!("{file}: error {error:.4}; squares off over squares of errors: {ratio:.3}");
         assert!((ratio - 1.0).abs() < 0.15, "{file}: {ratio}");
     }
 }
@@ -255,7 +279,7 @@ fn parts_that_do_not_belong_together_are_refused() {
     make("again.part", "2/3", &[]);
     make("of-four.part", "2/4", &[]);
     make("seed.part", "2/3", &["--seed", "2"]);
-    make("emit.part", "2/3", &["--emit", "light=1"]);
+    make("emit.part", "2/3", &["--emit", "lamp*=1"]);
     let says = |parts: &[&str], what: &[&str]| {
         let said = refused(folder.join(parts, "out.light"));
         assert!(what.iter().all(|what| said.contains(what)), "{said}");
