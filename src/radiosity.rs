@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Choices {
     pub method: Method,
-    /// Samples per pair, or rays per patch; in two levels paths per patch.
+    /// Samples per pair, or rays per patch; in two levels paths per patch, which are rounded up to a multiple of 8.
     pub samples: u32,
     pub points: PointSet,
     /// Points of the emitters sampled for each patch's direct light; 0 lets the form factors carry

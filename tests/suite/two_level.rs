@@ -266,6 +266,24 @@ fn the_script_for_local_processes_makes_the_bytes_of_one_run() {
     script("2", "scenes/missing.toml").assert().code(1);
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_patch_takes_less_than_a_hundred_bytes() {
+    let folder = Folder::new();
+    let peak_and_patches = |levels: &str| {
+        let stats = folder.path("stats.json");
+        let mut command = folder.solve("a.light", &["--levels", levels, "--samples", "8"]);
+        command.arg("--stats").arg(&stats).assert().success();
+        let stats: serde_json::Value =
+            serde_json::from_slice(&fs::read(&stats).expect("a file")).expect("JSON");
+        ["peak_memory_bytes", "patches"].map(|key| stats[key].as_f64().expect("a number"))
+    };
+    let ([few_bytes, few], [many_bytes, many]) = (peak_and_patches("4"), peak_and_patches("7"));
+    let bytes = (many_bytes - few_bytes) / (many - few);
+    println!("{bytes:.1} bytes per patch");
+    assert!(many > 600_000.0 && bytes < 100.0, "{bytes}");
+}
+
 #[test]
 fn parts_that_do_not_belong_together_are_refused() {
     let folder = Folder::new();
