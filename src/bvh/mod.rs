@@ -45,7 +45,7 @@ mod tracer;
 mod traverse;
 
 use crate::geometry::bounds::Bounds;
-use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, Triangle};
+use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, Stops, Triangle};
 use batch::with_scratch;
 use build::Parts;
 use fearless_simd::{Level, dispatch};
@@ -207,6 +207,13 @@ impl<K: LeafKernel> RayCaster for Bvh<K> {
             let stack = &mut scratch.stack[..];
             dispatch!(self.level, simd => traverse::trace_single::<_, _, true>(simd, self, ray, stack))
                 .is_some()
+        })
+    }
+
+    fn nearest_stop(&self, ray: &Ray, stops: Stops) -> Option<Hit> {
+        with_scratch(self.stack, |scratch| {
+            let stack = &mut scratch.stack[..];
+            dispatch!(self.level, simd => traverse::trace_to_stop(simd, self, ray, stack, stops))
         })
     }
 

@@ -7,7 +7,6 @@
 
 use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, TriangleId};
 use crate::scene::Scene;
-use crate::scene::overlaps::Overlaps;
 
 /// A caster that gives what is seen of what another one meets.
 pub struct Surfaces<C> {
@@ -27,30 +26,29 @@ impl<C: RayCaster> Surfaces<C> {
     #[inline]
     fn seen(&self, ray: &Ray, hit: Option<Hit>) -> Option<Hit> {
         let found = hit?;
-        let overlaps = self.scene.overlaps();
-        if !self.has_openings && overlaps.with(found.triangle).is_empty() {
-            return hit;
+        if !self.has_openings {
+            return Some(self.in_plane(ray, found));
         }
-        self.go_on(ray, found, overlaps)
+        let number = RayNumber::of(ray);
+        let stops = |hit: &Hit| self.stops(ray, number, hit);
+        let stop = if stops(&found) { hit } else { self.inner.nearest_stop(ray, &stops) };
+        stop.map(|stop| self.in_plane(ray, stop))
     }
 
-    fn go_on(&self, ray: &Ray, mut found: Hit, overlaps: &Overlaps) -> Option<Hit> {
-        let (mut rest, mut step) = (*ray, f32::EPSILON);
-        loop {
-            let seen = self.seen_here(ray, &rest, found, overlaps);
-            if seen.is_some() {
-                return seen;
-            }
-            // Beyond the interval's start, which is open, nothing is met twice; but a kernel that rounds the
-            // interval (Embree's) may give a t before it, for denormal directions far before it.
-            if found.t > rest.t_min {
-                rest.t_min = found.t;
-            } else {
-                rest.t_min = rest.t_min.max(f32::MIN_POSITIVE) * (1.0 + step);
-                step = (2.0 * step).min(1.0);
-            }
-            found = self.inner.nearest(&rest)?;
-        }
+    fn faces(&self, ray: &Ray, triangle: TriangleId) -> bool {
+        self.scene.triangles[triangle.index()].normal().dot(ray.direction) < 0.0
+    }
+
+    fn stops(&self, ray: &Ray, number: RayNumber, hit: &Hit) -> bool {
+        let is_back = || !self.faces(ray, hit.triangle);
+        !self.has_openings || stops_at(&self.scene, number, hit, is_back)
+    }
+
+    /// Whether a ray that meets something goes through all of it.
+    fn passes(&self, ray: &Ray) -> bool {
+        let number = RayNumber::of(ray);
+        let stops = |hit: &Hit| self.stops(ray, number, hit);
+        self.has_openings && self.inner.nearest_stop(ray, &stops).is_none()
     }
 
     fn is_grazing(&self, ray: &Ray, triangle: TriangleId) -> bool {
@@ -58,27 +56,24 @@ impl<C: RayCaster> Surfaces<C> {
         normal.dot(ray.direction).abs() <= GRAZING * ray.direction.length()
     }
 
-    /// The seen one of the triangles that the ray meets here in one plane, if any stops it.
-    fn seen_here(&self, ray: &Ray, rest: &Ray, found: Hit, overlaps: &Overlaps) -> Option<Hit> {
-        let faces =
-            |t: TriangleId| self.scene.triangles[t.index()].normal().dot(ray.direction) < 0.0;
-        let others = match self.is_grazing(ray, found.triangle) {
-            true => &[],
-            false => overlaps.with(found.triangle),
-        };
-        let others = others.iter().filter_map(|&triangle| {
-            let (t, u, v) =
-                MollerTrumbore::intersect(rest, &self.scene.triangles[triangle.index()])?;
-            Some(Hit { triangle, t, u, v })
-        });
-        let mut seen: Option<Hit> = None;
-        for hit in std::iter::once(found).chain(others) {
-            let place = |hit: Hit| (hit.triangle, faces(hit.triangle));
-            let comes_first = |other| overlaps.comes_first(place(hit), place(other));
-            let is_back = !faces(hit.triangle);
-            let stops = || !self.has_openings || stops(&self.scene, ray, hit, is_back);
-            if seen.is_none_or(comes_first) && stops() {
-                seen = Some(hit);
+    /// The seen one of the triangles that stop the ray in one plane, of which one is given.
+    fn in_plane(&self, ray: &Ray, stop: Hit) -> Hit {
+        let overlaps = self.scene.overlaps();
+        let others = overlaps.with(stop.triangle);
+        if others.is_empty() || self.is_grazing(ray, stop.triangle) {
+            return stop;
+        }
+        let number = RayNumber::of(ray);
+        let place = |hit: &Hit| (hit.triangle, self.faces(ray, hit.triangle));
+        let mut seen = stop;
+        for &triangle in others {
+            let other = MollerTrumbore::intersect(ray, &self.scene.triangles[triangle.index()])
+                .map(|(t, u, v)| Hit { triangle, t, u, v });
+            if let Some(other) = other
+                && overlaps.comes_first(place(&other), place(&seen))
+                && self.stops(ray, number, &other)
+            {
+                seen = other;
             }
         }
         seen
@@ -91,23 +86,37 @@ pub(crate) const GRAZING: f32 = 1e-3;
 
 /// Whether a ray ends at a hit, by the opacity of the side that it meets.
 pub(crate) fn stops(scene: &Scene, ray: &Ray, hit: Hit, is_back: bool) -> bool {
-    let opacity = scene.opacity_at(hit.triangle, is_back, hit.u, hit.v);
-    opacity >= 1.0 || (opacity > 0.0 && number(ray, &hit) < opacity)
+    stops_at(scene, RayNumber::of(ray), &hit, || is_back)
 }
 
-/// A number in [0, 1) for a ray at a triangle.
-fn number(ray: &Ray, hit: &Hit) -> f32 {
-    let parts = [ray.origin.to_array(), ray.direction.to_array()];
-    let bits = parts.as_flattened().iter().map(|x| x.to_bits() as u64);
-    // SplitMix64's finaliser over all parts (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number
-    // Generators", 2014).
-    let mixed = bits.chain([hit.triangle.0 as u64]).fold(0u64, |state, part| {
-        let mut z = (state ^ part).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    });
-    (mixed >> 40) as f32 / (1u64 << 24) as f32
+fn stops_at(scene: &Scene, ray: RayNumber, hit: &Hit, is_back: impl FnOnce() -> bool) -> bool {
+    let is_back = scene.own_back(hit.triangle).is_some() && is_back();
+    let opacity = scene.opacity_at(hit.triangle, is_back, hit.u, hit.v);
+    opacity >= 1.0 || (opacity > 0.0 && ray.at(hit.triangle) < opacity)
+}
+
+/// Random bits of a ray.
+#[derive(Clone, Copy)]
+struct RayNumber(u64);
+
+impl RayNumber {
+    fn of(ray: &Ray) -> RayNumber {
+        let parts = [ray.origin.to_array(), ray.direction.to_array()];
+        RayNumber(parts.as_flattened().iter().fold(0, |bits, x| mix(bits, x.to_bits().into())))
+    }
+
+    /// A number in [0, 1) for the ray at a triangle.
+    fn at(self, triangle: TriangleId) -> f32 {
+        (mix(self.0, triangle.0.into()) >> 40) as f32 / (1u64 << 24) as f32
+    }
+}
+
+/// SplitMix64's finaliser (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
+fn mix(bits: u64, part: u64) -> u64 {
+    let mut z = (bits ^ part).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 impl<C: RayCaster> RayCaster for Surfaces<C> {
@@ -116,7 +125,7 @@ impl<C: RayCaster> RayCaster for Surfaces<C> {
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        self.inner.occluded(ray) && (!self.has_openings || self.nearest(ray).is_some())
+        self.inner.occluded(ray) && !self.passes(ray)
     }
 
     fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
@@ -130,8 +139,63 @@ impl<C: RayCaster> RayCaster for Surfaces<C> {
         self.inner.occluded_batch(rays, blocked);
         if self.has_openings {
             for (ray, blocked) in rays.iter().zip(blocked) {
-                *blocked = *blocked && self.nearest(ray).is_some();
+                *blocked = *blocked && !self.passes(ray);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bvh::Bvh;
+    use crate::geometry::{Stops, Triangle};
+    use crate::scene::{Material, MaterialId};
+    use glam::Vec3;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Counts how often a ray starts at the root.
+    struct Counting(Bvh, AtomicUsize);
+
+    impl RayCaster for Counting {
+        fn nearest(&self, ray: &Ray) -> Option<Hit> {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.nearest(ray)
+        }
+
+        fn occluded(&self, ray: &Ray) -> bool {
+            self.nearest(ray).is_some()
+        }
+
+        fn nearest_stop(&self, ray: &Ray, stops: Stops) -> Option<Hit> {
+            self.1.fetch_add(1, Ordering::Relaxed);
+            self.0.nearest_stop(ray, stops)
+        }
+    }
+
+    #[test]
+    fn a_ray_through_many_panes_does_not_start_again_behind_each() {
+        const PANES: usize = 3000;
+        let pane = |k: usize| Triangle {
+            p: [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p + Vec3::Z * k as f32),
+        };
+        let panes: Vec<Triangle> = (0..PANES).map(pane).collect();
+        let glass = Material { opacity: 1e-3, ..Material::fallback() };
+        let scene = Scene::new(panes.clone(), vec![MaterialId(0); PANES], vec![glass]);
+        let caster = Surfaces::new(Counting(Bvh::build(panes), AtomicUsize::new(0)), &scene);
+        const RAYS: usize = 4000;
+        let ray = |k: usize| {
+            let away = Vec3::new(0.1 + k as f32 * 1e-4, 0.1, -1.0);
+            Ray::new(away, Vec3::Z)
+        };
+        let hits: Vec<_> = (0..RAYS).map(|k| caster.nearest(&ray(k))).collect();
+        assert!(caster.inner.1.load(Ordering::Relaxed) <= 2 * RAYS);
+        // Independent draws: each passes all panes with probability 0.999^3000.
+        let passed = hits.iter().filter(|hit| hit.is_none()).count() as f64 / RAYS as f64;
+        let expected = 0.999f64.powi(PANES as i32);
+        let deviation = (expected * (1.0 - expected) / RAYS as f64).sqrt();
+        assert!((passed - expected).abs() < 5.0 * deviation, "{passed} {expected}");
+        let blocked = (0..RAYS).map(|k| caster.occluded(&ray(k)));
+        assert!(blocked.zip(&hits).all(|(blocked, hit)| blocked == hit.is_some()));
     }
 }

@@ -251,6 +251,22 @@ fn a_ray_in_a_face_at_zero_of_a_box_finds_what_touches_it_far_away() {
 }
 
 #[test]
+fn the_nearest_triangle_that_stops_a_ray_is_that_of_brute_force() {
+    let triangles = soup(900, 6);
+    let brute = BruteForce::<MollerTrumbore>::new(&triangles);
+    let bvh = Bvh::<MollerTrumbore>::build(&triangles[..]);
+    for every in [1, 3, 40] {
+        let stops = |hit: &Hit| hit.triangle.0.is_multiple_of(every);
+        for ray in rays(2000, 7, &triangles) {
+            let expected = brute.nearest_stop(&ray, &stops);
+            let answer = bvh.nearest_stop(&ray, &stops);
+            assert_same_hit(answer, expected, &triangles, || format!("{every}: {ray:?}"));
+            assert!(answer.is_none_or(|hit| stops(&hit)));
+        }
+    }
+}
+
+#[test]
 fn an_empty_scene_and_broken_rays_hit_nothing() {
     let ray = Ray::new(Vec3::ZERO, Vec3::X);
     assert_eq!(Bvh::<MollerTrumbore>::build([]).nearest(&ray), None);

@@ -9,7 +9,7 @@ use super::met::Met;
 use super::node::Node;
 use super::ray_lanes::{PreparedRay, RayLanes, STRETCH};
 use super::{Bvh, Child, ChildKind, WIDTH};
-use crate::geometry::{Hit, Ray, TriangleId};
+use crate::geometry::{Hit, Ray, Stops, TriangleId};
 use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8, u64x2};
 use std::hint::select_unpredictable;
 
@@ -106,13 +106,7 @@ impl Walk {
         bvh: &Bvh<K>,
         stack: &[Entry],
     ) {
-        self.waiting -= 1;
-        let ChildKind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
-            unreachable!("a walk at a node visits it")
-        };
-        let leaf = bvh.leaf(first, count);
-        let lanes = RayLanes::new(simd, &self.prepared);
-        let met = K::intersect_leaf(&lanes, self.nearest.t, leaf);
+        let (leaf, met) = self.meet_leaf(simd, bvh, stack);
         if ANY {
             let met = met.lanes.to_bitmask();
             if met != 0 {
@@ -121,6 +115,40 @@ impl Walk {
             }
         } else {
             self.keep_nearest(simd, &leaf, &met);
+        }
+    }
+
+    /// Takes the leaf on top of the stack and asks its triangles.
+    #[inline(always)]
+    fn meet_leaf<'b, S: Simd, K: LeafKernel>(
+        &mut self,
+        simd: S,
+        bvh: &'b Bvh<K>,
+        stack: &[Entry],
+    ) -> (Leaf<'b>, Met<S>) {
+        self.waiting -= 1;
+        let ChildKind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
+            unreachable!("a walk at a node visits it")
+        };
+        let leaf = bvh.leaf(first, count);
+        let lanes = RayLanes::new(simd, &self.prepared);
+        (leaf, K::intersect_leaf(&lanes, self.nearest.t, leaf))
+    }
+
+    /// As [`keep_nearest`](Walk::keep_nearest), of the hits at which the ray ends.
+    #[inline(always)]
+    fn keep_nearest_stop<S: Simd>(&mut self, leaf: &Leaf, met: &Met<S>, stops: Stops) {
+        let mut lanes = met.lanes.to_bitmask();
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let number = |lanes: &f32x8<S>| lanes.as_array()[lane];
+            let (u, v) = (number(&met.u) / number(&met.det), number(&met.v) / number(&met.det));
+            let hit = Hit { triangle: leaf.id(lane), t: number(&met.t), u, v };
+            let place = |hit: &Hit| (hit.t, hit.triangle);
+            if place(&hit) < place(&self.nearest) && stops(&hit) {
+                self.nearest = hit;
+            }
         }
     }
 
@@ -222,6 +250,33 @@ pub(super) fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
             walk.visit_leaf::<S, K, ANY>(simd, bvh, stack);
         } else {
             walk.visit_node::<S, ANY>(simd, &bvh.nodes, stack);
+        }
+    }
+}
+
+/// The nearest hit at which the ray ends.
+#[inline(always)]
+pub(super) fn trace_to_stop<S: Simd, K: LeafKernel>(
+    simd: S,
+    bvh: &Bvh<K>,
+    ray: &Ray,
+    stack: &mut [Entry],
+    stops: Stops,
+) -> Option<Hit> {
+    if !PreparedRay::can_hit(ray) {
+        return None;
+    }
+    let mut walk = Walk::new(ray, stack);
+    loop {
+        let child = walk.next::<false>(stack);
+        if walk.is_over() {
+            return walk.hit();
+        }
+        if child.is_leaf() {
+            let (leaf, met) = walk.meet_leaf(simd, bvh, stack);
+            walk.keep_nearest_stop(&leaf, &met, stops);
+        } else {
+            walk.visit_node::<S, false>(simd, &bvh.nodes, stack);
         }
     }
 }

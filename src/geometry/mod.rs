@@ -12,7 +12,7 @@ pub(crate) mod surface;
 pub mod triangle;
 
 pub use brute_force::BruteForce;
-pub use caster::RayCaster;
+pub use caster::{RayCaster, Stops};
 pub use kernel::{Kernel, KernelKind};
 pub use moller_trumbore::MollerTrumbore;
 pub use plane::Plane;
