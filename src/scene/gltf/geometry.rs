@@ -13,6 +13,7 @@ use crate::scene::material::MaterialId;
 use crate::scene::mesh::{Mesh, Origin, Part, PerCorner};
 use crate::scene::model::checked_position;
 use glam::{DVec3, Vec2, Vec3};
+use std::collections::HashMap;
 
 /// Collects the triangles of a scene.
 #[derive(Default)]
@@ -28,6 +29,17 @@ pub(super) struct Geometry {
     /// How many primitives are points or lines, or have no positions.
     pub not_triangles: usize,
     budget: Budget,
+    /// The positions of accessors that primitives of the current object share.
+    shared: HashMap<usize, Vertices>,
+}
+
+/// Positions of a primitive.
+#[derive(Debug, Clone, Copy)]
+struct Vertices {
+    first: u32,
+    count: u32,
+    /// Whether the pose turns triangles round.
+    mirrored: bool,
 }
 
 /// Values at corners, and each triangle's numbers of them, as far as there are any.
@@ -35,20 +47,37 @@ pub(super) struct Geometry {
 struct Attribute<T> {
     values: Vec<T>,
     numbers: Vec<[u32; 3]>,
+    /// The number of the first value, and how many there are, of accessors that primitives share.
+    shared: HashMap<usize, (u32, u32)>,
 }
 
 impl<T: Copy> Attribute<T> {
-    /// Adds the values of a primitive, and those that its triangles have; `before` is the number of triangles so
-    /// far.
-    fn extend(&mut self, values: Vec<T>, triangles: &[[u32; 3]], before: usize) {
-        if values.is_empty() {
-            return;
+    /// Adds the values of an accessor, if there is one and it is new, and those that a primitive's triangles have;
+    /// `before` is the number of triangles so far.
+    fn extend(
+        &mut self,
+        accessor: Option<usize>,
+        triangles: &[[u32; 3]],
+        before: usize,
+        read: impl FnOnce(usize) -> Result<Vec<T>>,
+    ) -> Result<()> {
+        let Some(accessor) = accessor else { return Ok(()) };
+        let (first, count) = match self.shared.get(&accessor) {
+            Some(known) => *known,
+            None => {
+                let values = read(accessor)?;
+                let new = (self.values.len() as u32 + 1, values.len() as u32);
+                self.values.extend(values);
+                self.shared.insert(accessor, new);
+                new
+            }
+        };
+        if count > 0 {
+            let number = |corner: u32| if corner < count { first + corner } else { 0 };
+            self.numbers.resize(before, [0; 3]);
+            self.numbers.extend(triangles.iter().map(|corners| corners.map(number)));
         }
-        let (first, count) = (self.values.len() as u32 + 1, values.len() as u32);
-        self.values.extend(values);
-        let number = |corner: u32| if corner < count { first + corner } else { 0 };
-        self.numbers.resize(before, [0; 3]);
-        self.numbers.extend(triangles.iter().map(|corners| corners.map(number)));
+        Ok(())
     }
 
     /// The values of all triangles, of which there are `count`.
@@ -75,6 +104,9 @@ impl Geometry {
     /// Begins an object with the name of a node, or of its mesh.
     pub(super) fn object(&mut self, name: Option<&String>) {
         self.parts.push(Part { model: 0, object: name.cloned(), group: None });
+        // Each object has a pose of its own.
+        self.shared.clear();
+        self.normals.shared.clear();
     }
 
     /// Adds a primitive to the object that was begun last.
@@ -87,27 +119,51 @@ impl Geometry {
             return Ok(());
         };
         let name = quoted(&mesh.name, place.mesh);
-        let mut positions = data.read::<f64, 3>(positions)?;
-        pose::morph(data, place.node, mesh, primitive, &mut positions)?;
-        let mut triangles = triangles(data, primitive, positions.len(), &name)?;
-        self.reserve(positions.len(), triangles.len())?;
-        let (positions, mirrored) = place.pose.apply(data, primitive, positions)?;
-        if mirrored {
+        let vertices = self.vertices(data, place, primitive, positions, &name)?;
+        let mut triangles = triangles(data, primitive, vertices.count as usize, &name)?;
+        self.reserve(0, triangles.len())?;
+        if vertices.mirrored {
             triangles.iter_mut().for_each(|[_, b, c]| std::mem::swap(b, c));
         }
         self.attributes(data, place, primitive, &triangles)?;
-        let before = self.positions.len() as u32;
+        let part = self.parts.len() as u32 - 1;
+        let first = self.triangles.len() as u32 + 1;
+        self.origins.extend((first..).zip(&triangles).map(|(face, _)| Origin { face, part }));
+        self.material_of.extend(triangles.iter().map(|_| place.material));
+        self.triangles.extend(triangles.iter().map(|t| t.map(|corner| corner + vertices.first)));
+        Ok(())
+    }
+
+    /// The vertices whose positions an accessor holds: added here, unless another primitive of the object has
+    /// added them and nothing of its own moves this one's.
+    fn vertices(
+        &mut self,
+        data: &Data,
+        place: &Placement,
+        primitive: &Primitive,
+        accessor: usize,
+        name: &str,
+    ) -> Result<Vertices> {
+        let is_shared = primitive.targets.is_empty() && place.pose.joints.is_none();
+        if let Some(known) = self.shared.get(&accessor).filter(|_| is_shared) {
+            return Ok(*known);
+        }
+        let mut positions = data.read::<f64, 3>(accessor)?;
+        let mesh = &data.root.meshes[place.mesh];
+        pose::morph(data, place.node, mesh, primitive, &mut positions)?;
+        self.reserve(positions.len(), 0)?;
+        let (positions, mirrored) = place.pose.apply(data, primitive, positions)?;
+        let (first, count) = (self.positions.len() as u32, positions.len() as u32);
         for (number, position) in positions.into_iter().enumerate() {
             let place =
                 format_args!("mesh {name}, primitive {}, vertex {number}: ", place.primitive);
             self.positions.push(checked_position(position, place)?);
         }
-        let part = self.parts.len() as u32 - 1;
-        let first = self.triangles.len() as u32 + 1;
-        self.origins.extend((first..).zip(&triangles).map(|(face, _)| Origin { face, part }));
-        self.material_of.extend(triangles.iter().map(|_| place.material));
-        self.triangles.extend(triangles.iter().map(|t| t.map(|corner| corner + before)));
-        Ok(())
+        let vertices = Vertices { first, count, mirrored };
+        if is_shared {
+            self.shared.insert(accessor, vertices);
+        }
+        Ok(vertices)
     }
 
     fn attributes(
@@ -119,20 +175,17 @@ impl Geometry {
     ) -> Result<()> {
         let accessor = |name: &str| json::index(&primitive.attributes, name);
         let before = self.triangles.len();
-        let texture = match accessor(&format!("TEXCOORD_{}", place.texture_set)) {
-            Some(accessor) => data.read::<f64, 2>(accessor)?,
-            None => Vec::new(),
-        };
         // v runs down in glTF.
         let up = |[u, v]: [f64; 2]| finite(Vec2::new(u as f32, (1.0 - v) as f32));
-        self.texture.extend(texture.into_iter().map(up).collect(), triangles, before);
-        let normals = match accessor("NORMAL") {
-            Some(accessor) => data.read::<f64, 3>(accessor)?,
-            None => Vec::new(),
-        };
-        self.normals.extend(place.pose.normals(normals), triangles, before);
-        self.colors.extend(colors(data, accessor("COLOR_0"))?, triangles, before);
-        Ok(())
+        let texture = accessor(&format!("TEXCOORD_{}", place.texture_set));
+        self.texture.extend(texture, triangles, before, |accessor| {
+            Ok(data.read::<f64, 2>(accessor)?.into_iter().map(up).collect())
+        })?;
+        self.normals.extend(accessor("NORMAL"), triangles, before, |accessor| {
+            Ok(place.pose.normals(data.read::<f64, 3>(accessor)?))
+        })?;
+        self.colors
+            .extend(accessor("COLOR_0"), triangles, before, |accessor| colors(data, accessor))
     }
 
     /// Many small meshes may name one large list.
@@ -188,8 +241,7 @@ fn triangles(
 }
 
 /// Linear colours; their opacity is left aside.
-fn colors(data: &Data, accessor: Option<usize>) -> Result<Vec<Rgb>> {
-    let Some(accessor) = accessor else { return Ok(Vec::new()) };
+fn colors(data: &Data, accessor: usize) -> Result<Vec<Rgb>> {
     let color = |r: f64, g: f64, b: f64| {
         finite(Rgb::new(r as f32, g as f32, b as f32)).clamp(Rgb::ZERO, Rgb::ONE)
     };

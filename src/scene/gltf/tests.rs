@@ -297,6 +297,25 @@ fn instances_skins_and_morph_targets_are_placed() {
 }
 
 #[test]
+fn primitives_that_share_their_accessors_share_what_is_read() {
+    let mut json = triangle();
+    let mut primitive = json["meshes"][0]["primitives"][0].clone();
+    primitive["attributes"]["NORMAL"] = json!(0);
+    primitive["attributes"]["COLOR_0"] = json!(0);
+    json["meshes"][0]["primitives"] = json!([primitive, primitive, primitive]);
+    // A second, mirrored instance has positions and normals of its own.
+    json["nodes"].as_array_mut().unwrap().push(json!({"mesh": 0, "scale": [-1, 1, 1]}));
+    json["scenes"][0]["nodes"] = json!([0, 1]);
+    let (model, _) = load_json(&json).unwrap();
+    assert_eq!((model.triangles.len(), model.positions.len()), (6, 6));
+    assert_eq!(corners(&model, 2), [DVec3::ZERO, DVec3::X, DVec3::Y]);
+    assert_eq!(corners(&model, 5), [DVec3::ZERO, DVec3::Y, DVec3::NEG_X]);
+    let normals = model.mesh.normals.unwrap();
+    assert_eq!(normals.at(TriangleId(2), 1), normals.at(TriangleId(0), 1));
+    assert_eq!(normals.at(TriangleId(5), 1), Some(Vec3::Y));
+}
+
+#[test]
 fn cameras_become_views_with_names_of_their_own() {
     let mut json = triangle();
     json["nodes"].as_array_mut().unwrap().extend([
