@@ -1,9 +1,10 @@
 //! Output files that appear whole or not at all.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 
 /// A file to be written.
 pub(crate) struct Output {
@@ -36,7 +37,23 @@ pub(crate) fn check_writable(path: &Path) -> Result<()> {
             .in_file(path)
             .remedy("create it, or write elsewhere"));
     }
-    stage(path, &[]).map(drop)
+    refuse_read_only(path)?;
+    let target = target_of(path);
+    remove_leftovers(folder_of(&target));
+    stage(path, &[])?.named().map(drop)
+}
+
+/// Renaming a file over another asks for no permission to write the other.
+fn refuse_read_only(path: &Path) -> Result<()> {
+    match std::fs::metadata(path) {
+        Ok(kind) if kind.permissions().readonly() => {
+            Err(Error::new("the file is there, and may not be written")
+                .of_kind(ErrorKind::System)
+                .in_file(path)
+                .remedy("give another name, or allow writing"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Refuses outputs that would overwrite each other or one of the inputs.
@@ -44,15 +61,10 @@ pub(crate) fn check_writable(path: &Path) -> Result<()> {
 /// # Errors
 /// With the path and the remedy.
 pub(crate) fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
-    // A file that is not there yet is known by its folder and name.
-    let place = |path: &Path| {
-        std::fs::canonicalize(path)
-            .ok()
-            .or_else(|| Some(std::fs::canonicalize(folder_of(path)).ok()?.join(path.file_name()?)))
-    };
+    let is_same = |a: &Path, b: &Path| place_of(a) == place_of(b) || is_one_file(a, b);
     for (i, output) in outputs.iter().enumerate() {
-        let is_same = |other: &&&Path| !is_special(output) && place(other) == place(output);
-        if let Some(other) = outputs[..i].iter().chain(inputs).find(is_same) {
+        let mut others = outputs[..i].iter().chain(inputs);
+        if let Some(other) = others.find(|other| !is_special(output) && is_same(output, other)) {
             return Err(Error::new(format!("this output would overwrite {}", other.display()))
                 .in_file(output)
                 .remedy("give it a name of its own"));
@@ -61,47 +73,189 @@ pub(crate) fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> 
     Ok(())
 }
 
-/// Writes every output under a temporary name beside it, then to devices and pipes, then renames
-/// all. If anything fails before the first rename, no existing file has changed.
+/// A file that is not there yet is known by its folder and name.
+fn place_of(path: &Path) -> Option<PathBuf> {
+    let new = || Some(std::fs::canonicalize(folder_of(path)).ok()?.join(path.file_name()?));
+    std::fs::canonicalize(path).ok().or_else(new)
+}
+
+/// Whether two names are of one file, as hard links are.
+fn is_one_file(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let identity = |path| std::fs::metadata(path).ok().map(|m| (m.dev(), m.ino()));
+        identity(a).is_some() && identity(a) == identity(b)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = (a, b);
+        false
+    }
+}
+
+/// Writes every output to a file without a name in its folder, then those to devices and pipes. Only when all
+/// are on the disk do they get names: first temporary ones, then their own. If anything fails before the last
+/// step, no existing file has changed.
 ///
 /// # Errors
-/// Whatever the system says: a full disk, a missing permission.
+/// Whatever the system says: a full disk, a missing permission. If the last step fails for one of several
+/// outputs, the error says which ones are new.
 pub(crate) fn write_all(outputs: Vec<Output>) -> Result<()> {
     let (special, plain): (Vec<_>, Vec<_>) = outputs.into_iter().partition(|o| is_special(&o.path));
-    let staged: Vec<(NamedTempFile, PathBuf)> = plain
-        .into_iter()
-        .map(|output| Ok((stage(&output.path, &output.bytes)?, output.path)))
-        .collect::<Result<_>>()?;
+    let staged = plain.iter().map(|output| stage(&output.path, &output.bytes));
+    let staged = staged.collect::<Result<Vec<_>>>()?;
     for output in special {
         std::fs::write(&output.path, &output.bytes)
             .map_err(|e| Error::io(&output.path, "write the file", &e))?;
     }
-    for (file, path) in staged {
-        // A link stays a link: what it points to is replaced.
-        let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
-        file.persist(&target).map_err(|e| Error::io(&path, "write the file", &e.error))?;
+    rename_all(staged.into_iter().map(Staged::named).collect::<Result<_>>()?)
+}
+
+fn rename_all(named: Vec<Named>) -> Result<()> {
+    // What changed while the run computed is found before anything is replaced.
+    for Named { path, target, .. } in &named {
+        refuse_read_only(path)?;
+        if target.is_dir() {
+            return Err(Error::new("this has become a folder").in_file(path));
+        }
+    }
+    let mut new: Vec<String> = Vec::new();
+    for Named { name, target, path, .. } in named {
+        if let Err(e) = name.persist(&target) {
+            let error = Error::io(&path, "write the file", &e.error);
+            return Err(match new.is_empty() {
+                true => error,
+                false => error.remedy(format!(
+                    "{} is new already, and the outputs from this one on are not",
+                    new.join(", ")
+                )),
+            });
+        }
+        new.push(path.display().to_string());
     }
     Ok(())
 }
 
-fn stage(path: &Path, bytes: &[u8]) -> Result<NamedTempFile> {
-    let failed = |e: std::io::Error| {
-        Error::io(path, "write the file", &e).remedy("check the disk's space and the permissions")
+/// An output on the disk that has no name of its own yet. As long as it has none at all, it is gone with the
+/// process, however that ends.
+struct Staged {
+    file: File,
+    /// Where the system knows no files without a name.
+    name: Option<TempPath>,
+    /// A link stays a link: what it points to is replaced.
+    target: PathBuf,
+    path: PathBuf,
+}
+
+/// An output under a temporary name. The file is locked until the end: a leftover is one that nobody locks.
+struct Named {
+    name: TempPath,
+    target: PathBuf,
+    path: PathBuf,
+    _file: File,
+}
+
+fn failed(path: &Path) -> impl Fn(std::io::Error) -> Error {
+    |e| Error::io(path, "write the file", &e).remedy("check the disk's space and the permissions")
+}
+
+fn stage(path: &Path, bytes: &[u8]) -> Result<Staged> {
+    let target = target_of(path);
+    let folder = folder_of(&target);
+    let (mut file, name) = match unnamed(folder) {
+        Some(file) => (file, None),
+        None => {
+            let (file, name) = part().tempfile_in(folder).map_err(failed(path))?.into_parts();
+            (file, Some(name))
+        }
     };
+    let _ = file.try_lock();
+    // An existing file's permissions stay.
+    if let Ok(existing) = std::fs::metadata(&target) {
+        file.set_permissions(existing.permissions()).map_err(failed(path))?;
+    }
+    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed(path))?;
+    Ok(Staged { file, name, target, path: path.to_path_buf() })
+}
+
+impl Staged {
+    fn named(self) -> Result<Named> {
+        let Staged { file, name, target, path } = self;
+        let linked = || part().make_in(folder_of(&target), |name| link(&file, name));
+        let name = match name {
+            Some(name) => name,
+            None => linked().map_err(failed(&path))?.into_temp_path(),
+        };
+        Ok(Named { name, target, path, _file: file })
+    }
+}
+
+const PREFIX: &str = ".isolux-";
+const SUFFIX: &str = ".part";
+
+/// Makes temporary names.
+fn part() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".isolux-").suffix(".part");
-    let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // An existing file's permissions stay; of a new one the user's umask takes its part off.
-        let usual = || std::fs::Permissions::from_mode(0o666);
-        builder
-            .permissions(std::fs::metadata(&target).map_or_else(|_| usual(), |m| m.permissions()));
+        // The user's umask takes its part off.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.tempfile_in(folder_of(&target)).map_err(failed)?;
-    file.write_all(bytes).and_then(|()| file.flush()).map_err(failed)?;
-    Ok(file)
+    builder
+}
+
+/// A file without a name; `None` where the system or the folder's file system knows none.
+#[cfg(target_os = "linux")]
+fn unnamed(folder: &Path) -> Option<File> {
+    use std::os::unix::fs::OpenOptionsExt;
+    let flags = rustix::fs::OFlags::TMPFILE.bits() as i32;
+    // The link below goes by /proc.
+    let options = Path::new("/proc/self/fd").is_dir().then(|| {
+        let mut options = File::options();
+        options.write(true).mode(0o666).custom_flags(flags);
+        options
+    });
+    options?.open(folder).ok()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn unnamed(_: &Path) -> Option<File> {
+    None
+}
+
+/// Gives a file without a name one that no file has.
+#[cfg(target_os = "linux")]
+fn link(file: &File, name: &Path) -> std::io::Result<()> {
+    use rustix::fs::{AtFlags, CWD, linkat};
+    use std::os::fd::AsRawFd;
+    let from = format!("/proc/self/fd/{}", file.as_raw_fd());
+    Ok(linkat(CWD, from, CWD, name, AtFlags::SYMLINK_FOLLOW)?)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn link(_: &File, _: &Path) -> std::io::Result<()> {
+    Err(std::io::ErrorKind::Unsupported.into())
+}
+
+/// Removes what runs that were killed have left in a folder. Files that another run writes are locked.
+fn remove_leftovers(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let is_part = name.to_str().is_some_and(|n| n.starts_with(PREFIX) && n.ends_with(SUFFIX));
+        if is_part && entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            let file = File::open(entry.path());
+            if file.is_ok_and(|file| file.try_lock().is_ok()) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+fn target_of(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
 /// A device or a pipe, which is written to and never replaced.
@@ -156,6 +310,74 @@ mod tests {
         assert!(check_distinct(&[&a, &dotted], &[]).is_err());
         assert!(check_distinct(&[&a], &[&b, &dotted]).is_err());
         assert!(check_distinct(&[Path::new("/dev/null"); 2], &[]).is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_hard_link_to_an_input_is_that_input() {
+        let folder = tempfile::tempdir().unwrap();
+        let [input, link] = ["in.mtl", "out.png"].map(|name| folder.path().join(name));
+        std::fs::write(&input, "newmtl a").unwrap();
+        std::fs::hard_link(&input, &link).unwrap();
+        assert!(check_distinct(&[&link], &[&input]).is_err());
+    }
+
+    #[test]
+    fn a_file_that_may_not_be_written_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("kept.png");
+        std::fs::write(&path, "old").unwrap();
+        let mut permissions = std::fs::metadata(&path).unwrap().permissions();
+        permissions.set_readonly(true);
+        std::fs::set_permissions(&path, permissions).unwrap();
+        assert!(check_writable(&path).is_err());
+        assert!(write_all(vec![output(&path, b"new")]).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn outputs_appear_together_or_the_error_says_which_are_new() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a.png", "b.json"].map(|name| folder.path().join(name));
+        std::fs::write(&a, "old").unwrap();
+        // One becomes a folder during the run.
+        std::fs::create_dir(&b).unwrap();
+        assert!(write_all(vec![output(&a, b"new"), output(&b, b"new")]).is_err());
+        assert_eq!(std::fs::read(&a).unwrap(), b"old");
+        std::fs::remove_dir(&b).unwrap();
+        let named = |path: &Path| stage(path, b"new").and_then(Staged::named).unwrap();
+        let gone = named(&b);
+        std::fs::remove_file(&gone.name).unwrap();
+        let error = rename_all(vec![named(&a), gone]).unwrap_err().to_string();
+        assert!(error.contains("a.png is new already"), "{error}");
+        assert_eq!(std::fs::read(&a).unwrap(), b"new");
+    }
+
+    #[test]
+    fn the_next_run_removes_what_a_killed_one_left_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let [left, held, foreign, path] =
+            [".isolux-aaaaaa.part", ".isolux-bbbbbb.part", "a.part", "a.png"]
+                .map(|name| folder.path().join(name));
+        [&left, &held, &foreign].iter().for_each(|path| std::fs::write(path, "x").unwrap());
+        let holder = File::open(&held).unwrap();
+        holder.lock().unwrap();
+        check_writable(&path).unwrap();
+        assert!(!left.exists() && held.exists() && foreign.exists() && !path.exists());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_is_staged_has_no_name_that_could_outlive_the_process() {
+        let folder = tempfile::tempdir().unwrap();
+        let staged = stage(&folder.path().join("a.png"), b"new").unwrap();
+        let names = || std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(names(), staged.name.is_some() as usize);
+        let named = staged.named().unwrap();
+        assert_eq!(names(), 1);
+        drop(named);
+        assert_eq!(names(), 0);
     }
 
     #[cfg(unix)]
