@@ -4,6 +4,7 @@ mod beside;
 mod budget;
 pub mod camera;
 mod coincident;
+mod crossing;
 pub mod document;
 mod formats;
 mod gltf;

@@ -1,11 +1,18 @@
 //! Cuts a polygon into triangles that face the same way as the polygon does.
 
+use super::crossing;
+use crate::error::Warning;
 use earcut::Earcut;
 use earcut::utils3d::project3d_to_2d;
 use glam::{DVec2, DVec3};
+use std::path::Path;
 
 /// A triangle by its corners, which are indices into the polygon, in the direction of the polygon.
 type Cut = [usize; 3];
+
+/// With more corners than this, a polygon that crosses itself becomes a fan: the search for ears would take a time
+/// that grows with their square.
+const LARGE: usize = 5000;
 
 /// Cuts polygons into triangles. It keeps its buffers, so use one for many polygons.
 pub(super) struct Triangulator {
@@ -30,23 +37,35 @@ impl Triangulator {
     /// Cuts `polygon`, which has at least 3 vertices, and appends the triangles to `cuts`.
     ///
     /// The polygon may be concave and need not be quite planar. A polygon without area becomes
-    /// triangles without area.
-    pub(super) fn triangulate(&mut self, polygon: &[DVec3], cuts: &mut Vec<Cut>) {
+    /// triangles without area. Says whether the outline is known to cross itself: then the triangles overlap, or
+    /// leave parts out.
+    pub(super) fn triangulate(&mut self, polygon: &[DVec3], cuts: &mut Vec<Cut>) -> bool {
         if polygon.len() == 3 || !self.flatten(polygon) {
             cuts.extend(fan(polygon.len(), 0));
-            return;
+            // Parts that run in opposite directions are of equal size.
+            let area = |cut: Cut| {
+                let [a, b, c] = cut.map(|k| polygon[k]);
+                (b - a).cross(c - a).length()
+            };
+            return polygon.len() > 3 && fan(polygon.len(), 0).any(|cut| area(cut) > 0.0);
         }
         if let Some(center) = self.fan_center() {
             cuts.extend(fan(polygon.len(), center));
-            return;
+            return false;
+        }
+        let crosses = crossing::crosses_itself(&self.flat);
+        if crosses && polygon.len() > LARGE {
+            cuts.extend(fan(polygon.len(), 0));
+            return true;
         }
         self.earcut.earcut(self.flat.iter().copied(), &[], &mut self.corners);
         if self.corners.is_empty() {
             cuts.extend(fan(polygon.len(), 0));
-            return;
+            return crosses;
         }
         // Earcut's triangles run counter-clockwise whatever its input, and so does `flat`.
         cuts.extend(self.corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]].map(|k| k as usize)));
+        crosses
     }
 
     /// Projects the polygon into its plane, where it runs counter-clockwise; false where its
@@ -76,6 +95,33 @@ impl Triangulator {
             }
         };
         starts.clone().find(fits(f64::MIN_POSITIVE)).or_else(|| starts.clone().find(fits(0.0)))
+    }
+}
+
+/// Faces whose outlines cross themselves.
+#[derive(Default)]
+pub(super) struct Crossings {
+    count: usize,
+    first: u32,
+}
+
+impl Crossings {
+    /// Counts a face, by its number from 1.
+    pub(super) fn add(&mut self, face: u32) {
+        if self.count == 0 {
+            self.first = face;
+        }
+        self.count += 1;
+    }
+
+    /// One warning for all faces of a file.
+    pub(super) fn warning(&self, file: &Path) -> Option<Warning> {
+        let Crossings { count, first } = self;
+        let text = format!(
+            "the outlines of faces cross themselves: parts are covered twice or not at all ({count} in all, \
+             first face {first})"
+        );
+        (*count > 0).then(|| Warning::in_file(file, None, text))
     }
 }
 
@@ -194,6 +240,35 @@ mod tests {
         assert_eq!(triangles.len(), 2);
         assert!(skew.iter().all(|vertex| triangles.concat().contains(vertex)));
         assert!(triangles.iter().all(|t| area_vector(*t).dot(newell(&skew)) > 0.0));
+    }
+
+    #[test]
+    fn outlines_that_cross_themselves_are_known() {
+        let crosses = |ring: &[[f32; 2]]| {
+            let polygon: Vec<DVec3> =
+                ring.iter().map(|p| DVec3::new(p[0].into(), p[1].into(), 0.0)).collect();
+            Triangulator::new().triangulate(&polygon, &mut Vec::new())
+        };
+        let bow = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
+        let uneven = [[0.0, 0.0], [3.0, 1.0], [3.0, 0.0], [0.0, 2.0]];
+        assert!(crosses(&bow) && crosses(&uneven));
+        // A hole, by a bridge that runs there and back.
+        let (o, i) = ([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]], [1.0, 3.0]);
+        let hole = [[i[0], i[0]], [i[0], i[1]], [i[1], i[1]], [i[1], i[0]], [i[0], i[0]]];
+        let bridged = [&o[..], &o[..1], &hole[..]].concat();
+        assert!(!crosses(&L) && !crosses(&bridged));
+    }
+
+    #[test]
+    fn a_large_polygon_that_crosses_itself_ends_soon() {
+        let place = |i: usize| {
+            let share = |step: f64| (i as f64 * step).fract();
+            DVec3::new(share(0.618034), share(0.7548777), 0.0)
+        };
+        let polygon: Vec<DVec3> = (0..200_000).map(place).collect();
+        let mut cuts = Vec::new();
+        assert!(Triangulator::new().triangulate(&polygon, &mut cuts));
+        assert_eq!(cuts.len(), polygon.len() - 2);
     }
 
     #[test]

@@ -17,7 +17,7 @@ mod words;
 use super::material::{Material, MaterialId};
 use super::mesh::{Origin, PerCorner};
 use super::model::Model;
-use super::triangulate::Triangulator;
+use super::triangulate::{Crossings, Triangulator};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::scene::text::{decode, read_bytes};
@@ -62,7 +62,8 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
         let undefined = materials.iter_mut().enumerate().filter(|(i, _)| !defined(*i));
         undefined.for_each(|(_, material)| material.reflectance = Rgb::ONE);
     }
-    let model = cut(obj, &of_runs);
+    let model = cut(path, obj, &of_runs);
+    warnings.extend_from_slice(&model.warnings);
     Ok(Model { materials, textures, files: library.files, warnings, up, ..model })
 }
 
@@ -86,9 +87,9 @@ fn materials_of_runs(obj: &ObjFile, library: &Library) -> Vec<MaterialId> {
 }
 
 /// Cuts the faces into triangles, in file order; `of_runs` are the materials of the runs.
-fn cut(obj: ObjFile, of_runs: &[MaterialId]) -> Model {
+fn cut(path: &Path, obj: ObjFile, of_runs: &[MaterialId]) -> Model {
     let (mut model, mut texture, mut normals) = (Model::default(), Vec::new(), Vec::new());
-    let mut triangulator = Triangulator::new();
+    let (mut triangulator, mut crossing) = (Triangulator::new(), Crossings::default());
     let (mut polygon, mut cuts) = (Vec::new(), Vec::new());
     let mut copies = Copies { positions: &obj.positions, first: HashMap::new() };
     let mut end = 0;
@@ -104,7 +105,9 @@ fn cut(obj: ObjFile, of_runs: &[MaterialId]) -> Model {
         polygon.clear();
         polygon.extend(ring.iter().map(|corner| obj.positions[*corner as usize - 1]));
         cuts.clear();
-        triangulator.triangulate(&polygon, &mut cuts);
+        if triangulator.triangulate(&polygon, &mut cuts) {
+            crossing.add(number);
+        }
         if !std::ptr::eq(ring, corners) {
             copies.translate(&mut cuts, ring, corners);
         }
@@ -123,6 +126,7 @@ fn cut(obj: ObjFile, of_runs: &[MaterialId]) -> Model {
         values: obj.colors,
         numbers: model.triangles.iter().map(numbers).collect(),
     });
+    model.warnings.extend(crossing.warning(path));
     model.mesh.parts = obj.parts;
     model.mesh.texture = PerCorner::new(obj.texture, texture);
     model.mesh.normals = PerCorner::new(obj.normals, normals);

@@ -13,7 +13,7 @@ use super::formats::model_bytes;
 use super::material::Material;
 use super::mesh::{Mesh, Origin, Part, PerCorner};
 use super::model::{Model, checked_position};
-use super::triangulate::Triangulator;
+use super::triangulate::{Crossings, Triangulator};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
 use elements::{Face, Vertex};
@@ -121,6 +121,7 @@ struct Cutter {
     wedges: Vec<Vec2>,
     wedge_numbers: Vec<[u32; 3]>,
     triangulator: Triangulator,
+    crossing: Crossings,
     /// Faces with fewer than 3 corners: how many, and the first.
     flat: (usize, u32),
 }
@@ -134,6 +135,7 @@ impl Cutter {
             wedges: Vec::new(),
             wedge_numbers: Vec::new(),
             triangulator: Triangulator::new(),
+            crossing: Crossings::default(),
             flat: (0, 0),
         }
     }
@@ -148,7 +150,9 @@ impl Cutter {
         }
         let polygon: Vec<DVec3> = corners.iter().map(|c| self.positions[*c as usize]).collect();
         let mut cuts = Vec::new();
-        self.triangulator.triangulate(&polygon, &mut cuts);
+        if self.triangulator.triangulate(&polygon, &mut cuts) {
+            self.crossing.add(number);
+        }
         let first = self.wedges.len() as u32 + 1;
         let own = face.texture.len() == 2 * corners.len();
         if own {
@@ -214,7 +218,8 @@ impl Cutter {
             "faces with fewer than 3 vertices have no area and are ignored ({count} in all, first face \
              {first})"
         );
-        if count > 0 { vec![Warning::in_file(path, None, text)] } else { Vec::new() }
+        let flat = (count > 0).then(|| Warning::in_file(path, None, text));
+        flat.into_iter().chain(self.crossing.warning(path)).collect()
     }
 }
 
