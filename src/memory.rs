@@ -8,15 +8,29 @@ pub(crate) fn available() -> Option<u64> {
     system.refresh_memory();
     let free = system.available_memory();
     let allowed = system.cgroup_limits().map_or(u64::MAX, |limits| limits.free_memory);
-    (free > 0).then_some(free.min(allowed))
+    let limit = address_space().unwrap_or(u64::MAX);
+    (free > 0).then_some(free.min(allowed).min(limit))
+}
+
+/// What `ulimit -v` leaves of the address space, in bytes; `None` without a limit, and except on Linux.
+fn address_space() -> Option<u64> {
+    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    let limit: u64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(limit.saturating_sub(status("VmSize:")?))
+}
+
+/// An amount of memory in this process's status, in bytes; `None` except on Linux.
+fn status(name: &str) -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+    let kibibytes: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
 }
 
 /// The most memory that this process has held so far, in bytes. `None` except on Linux.
 pub(crate) fn peak() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024)
+    status("VmHWM:")
 }
 
 /// Refuses `what` if it needs more than `limit` bytes.

@@ -1,6 +1,7 @@
 //! What a file's first bytes say that it is, whatever its name says.
 
 use super::formats::{EXPORT, endings};
+use super::text::is_ordinary;
 use crate::error::Error;
 use std::fs::File;
 use std::io::Read;
@@ -70,7 +71,7 @@ const HEAD: usize = 1024;
 /// What the file at `path` is; `None` where it cannot be read or says nothing clear.
 pub(super) fn content_of(path: &Path) -> Option<Content> {
     // Opening a pipe may wait for ever.
-    if !std::fs::metadata(path).is_ok_and(|kind| kind.is_file()) {
+    if !is_ordinary(path) {
         return None;
     }
     let mut head = Vec::new();

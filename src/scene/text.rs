@@ -3,9 +3,10 @@
 use std::borrow::Cow;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::memory;
 
 /// Largest magnitude that a number of a model may have. Products of a few such numbers, as in the
 /// form-factor kernel, still fit into `f32`.
@@ -14,17 +15,27 @@ pub(crate) const LARGEST: f32 = 1e12;
 /// A binary file shows within this number of bytes that it is not text.
 const HEAD: usize = 4096;
 
-/// The bytes of a regular file. Directories are refused, and pipes and devices too, since reading
-/// one of those may never end.
+/// The bytes of a regular file. Directories are refused, and pipes, devices and what the kernel answers itself
+/// too, since reading one of those may never end; and so is what does not fit into memory.
 pub(crate) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?;
     if kind.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory"));
     }
-    if !kind.is_file() {
+    if !is_ordinary(path) {
         return Err(io::Error::other("it is not a regular file"));
     }
+    if memory::available().is_some_and(|available| kind.len() > available) {
+        return Err(io::Error::other("it is larger than the memory that there is"));
+    }
     fs::read(path)
+}
+
+/// Whether it is a file whose bytes lie on a disk or in memory.
+pub(in crate::scene) fn is_ordinary(path: &Path) -> bool {
+    let by_kernel = |path: PathBuf| path.starts_with("/proc") || path.starts_with("/sys");
+    fs::metadata(path).is_ok_and(|kind| kind.is_file())
+        && !fs::canonicalize(path).is_ok_and(by_kernel)
 }
 
 /// The text in `bytes`; `format` is the name for the error message, "OBJ" or "MTL".
@@ -223,6 +234,17 @@ mod tests {
         assert_eq!(text, "Wände");
         for utf_16 in [&b"\xff\xfev\0 \x001\0"[..], b"\xfe\xff\0v\0 \x001"] {
             assert_eq!(decode(utf_16.to_vec(), path, "OBJ").unwrap(), "v 1");
+        }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_the_kernel_answers_is_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("a.obj");
+        std::os::unix::fs::symlink("/proc/self/status", &link).unwrap();
+        for path in [&link, Path::new("/proc/self/status"), Path::new("/dev/null")] {
+            assert!(read_bytes(path).unwrap_err().to_string().contains("not a regular file"));
         }
     }
 
