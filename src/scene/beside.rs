@@ -13,11 +13,13 @@ pub(super) struct Files<'a> {
     model: &'a Path,
     pub read: Vec<PathBuf>,
     pub warnings: Vec<Warning>,
+    /// Names of files outside the model's folder: the first, and how many.
+    outside: Option<(String, usize)>,
 }
 
 impl<'a> Files<'a> {
     pub(super) fn new(model: &'a Path) -> Self {
-        Files { model, read: Vec::new(), warnings: Vec::new() }
+        Files { model, read: Vec::new(), warnings: Vec::new(), outside: None }
     }
 
     /// The bytes of a URI, which may hold them itself.
@@ -40,11 +42,8 @@ impl<'a> Files<'a> {
         let relative = Path::new(&name);
         let leaves = |part| !matches!(part, Component::Normal(_) | Component::CurDir);
         if relative.components().any(leaves) {
-            self.warnings.push(Warning::in_file(
-                self.model,
-                None,
-                format!("the model reads {}, which is outside its folder", quote(&name)),
-            ));
+            let (_, count) = self.outside.get_or_insert_with(|| (quote(&name), 0));
+            *count += 1;
         }
         let path = self.model.parent().unwrap_or(Path::new("")).join(relative);
         let bytes = read_bytes(&path).map_err(|error| {
@@ -55,6 +54,20 @@ impl<'a> Files<'a> {
             self.read.push(path);
         }
         Ok(bytes)
+    }
+}
+
+impl Files<'_> {
+    /// All warnings about files, when all have been read.
+    pub(super) fn take_warnings(&mut self) -> Vec<Warning> {
+        let said = self.outside.take().map(|(first, count)| {
+            let more = if count > 1 { format!(" ({count} in all)") } else { String::new() };
+            let text = format!("the model reads {first}, which is outside its folder{more}");
+            Warning::in_file(self.model, None, text)
+        });
+        let mut warnings: Vec<Warning> = said.into_iter().collect();
+        warnings.append(&mut self.warnings);
+        warnings
     }
 }
 

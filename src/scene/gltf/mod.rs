@@ -57,7 +57,7 @@ fn read(path: &Path, bytes: &[u8]) -> Result<Model> {
     }
     let mut cameras = 0;
     let views = nodes::views(&root, &placed, &mut cameras);
-    let mut warnings = files.warnings;
+    let mut warnings = files.take_warnings();
     warnings.append(&mut materials.warnings);
     warnings.extend(ignored(path, &root, geometry.not_triangles, cameras));
     Ok(Model {

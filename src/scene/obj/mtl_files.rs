@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::ignored::default_stated;
 use super::mtl_reader::Library;
-use super::reader::{Named, ObjFile};
+use super::reader::ObjFile;
 use crate::error::Warning;
 use crate::scene::text::{decode, quote, read_bytes, words};
 
@@ -16,7 +16,7 @@ use crate::scene::text::{decode, quote, read_bytes, words};
 pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
     let mut library = Library::default();
     let folder = path.parent().unwrap_or(Path::new(""));
-    let mut seen = HashSet::new();
+    let (mut seen, mut unreadable) = (HashSet::new(), Vec::new());
     for asked in &obj.libraries {
         for file in files_of(folder, &asked.name) {
             if !seen.insert(file.clone()) {
@@ -28,15 +28,21 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
                     match decode(bytes, &file, "MTL") {
                         Ok(text) => library.add(&file, &text, &mut obj.warnings),
                         Err(error) => {
-                            obj.warnings.push(unreadable(path, asked, &file, error.cause()));
+                            unreadable.push((asked.line, file, error.cause().to_owned()));
                         }
                     }
                 }
-                Err(error) => {
-                    obj.warnings.push(unreadable(path, asked, &file, &error.to_string()));
-                }
+                Err(error) => unreadable.push((asked.line, file, error.to_string())),
             }
         }
+    }
+    if let Some((line, file, cause)) = unreadable.first() {
+        let file = quote(&file.to_string_lossy());
+        let (more, default) = (counted(unreadable.len()), default_stated());
+        let text = format!(
+            "cannot read the material file {file}: {cause}; faces with its materials get {default}{more}"
+        );
+        obj.warnings.push(Warning::in_file(path, Some(*line), text));
     }
     let (mut names, mut line) = (Vec::new(), None);
     for material in &obj.materials {
@@ -75,13 +81,9 @@ fn locate(folder: &Path, name: &str) -> PathBuf {
     if !plain.is_file() && slashed.is_file() { slashed } else { plain }
 }
 
-fn unreadable(obj: &Path, asked: &Named, file: &Path, error: &str) -> Warning {
-    let file = quote(&file.to_string_lossy());
-    let text = format!(
-        "cannot read the material file {file}: {error}; faces with its materials get {}",
-        default_stated()
-    );
-    Warning::in_file(obj, Some(asked.line), text)
+/// That a warning is the first of several.
+fn counted(count: usize) -> String {
+    if count > 1 { format!(" ({count} such files in all)") } else { String::new() }
 }
 
 fn undefined(names: &[String]) -> String {

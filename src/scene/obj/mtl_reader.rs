@@ -52,9 +52,16 @@ impl Library {
     /// Adds the materials in the `text` of an MTL `file`. Whether values are in range is judged later, when the
     /// used materials are known.
     pub(super) fn add(&mut self, file: &Path, text: &str, warnings: &mut Vec<Warning>) {
-        let (strays, nameless) = (Vec::new(), Vec::new());
-        let mut checker =
-            Checker { library: self, file, warnings, current: None, strays, nameless };
+        let mut checker = Checker {
+            library: self,
+            file,
+            warnings,
+            current: None,
+            strays: Vec::new(),
+            nameless: Vec::new(),
+            first_statement: None,
+            again: Vec::new(),
+        };
         for (number, line) in numbered_lines(text) {
             checker.statement(number, &line);
         }
@@ -96,12 +103,18 @@ struct Checker<'a> {
     strays: Vec<usize>,
     /// Lines with `newmtl` alone.
     nameless: Vec<usize>,
+    first_statement: Option<usize>,
+    /// Lines that define a name again; of the first, what it says.
+    again: Vec<(usize, Option<String>)>,
 }
 
 impl Checker<'_> {
     /// Lines without a bearing on diffuse light are passed over, well-formed or not.
     fn statement(&mut self, line: usize, text: &str) {
         let (keyword, rest) = keyword_and_rest(text);
+        if !keyword.is_empty() {
+            self.first_statement.get_or_insert(line);
+        }
         match keyword {
             "newmtl" => self.newmtl(line, rest),
             "Kd" => self.set(line, |entry| entry.kd = Some(color(keyword, rest, line))),
@@ -121,7 +134,8 @@ impl Checker<'_> {
             self.nameless.push(line);
         }
         if let Some(&index) = self.library.by_name.get(name) {
-            self.warn_of_duplicate(line, index);
+            let told = self.again.is_empty().then(|| self.duplicate(index));
+            self.again.push((line, told));
         }
         self.current = Some(self.library.put(Entry {
             name: name.to_owned(),
@@ -140,6 +154,17 @@ impl Checker<'_> {
     }
 
     fn finish(self) {
+        if let (None, Some(line)) = (self.current, self.first_statement) {
+            let text = "no `newmtl` in the file: it defines no material";
+            self.warnings.push(Warning::in_file(self.file, Some(line), text));
+        }
+        if let Some((line, Some(told))) = self.again.first() {
+            let more = match self.again.len() {
+                1 => String::new(),
+                count => format!(" ({count} such lines in all)"),
+            };
+            self.warnings.push(Warning::in_file(self.file, Some(*line), format!("{told}{more}")));
+        }
         let kinds = [
             (self.strays, "a statement before the first `newmtl` is ignored"),
             (self.nameless, "`newmtl` without the name of a material: no face can have it"),
@@ -152,15 +177,14 @@ impl Checker<'_> {
         }
     }
 
-    fn warn_of_duplicate(&mut self, line: usize, earlier: usize) {
+    fn duplicate(&self, earlier: usize) -> String {
         let earlier = &self.library.entries[earlier];
         let place = match &earlier.file {
             Some(file) if file != self.file => format!("{}:{}", file.display(), earlier.line),
             _ => format!("line {}", earlier.line),
         };
         let name = quote(&earlier.name);
-        let text = format!("material {name} is defined again and replaces the one in {place}");
-        self.warnings.push(Warning::in_file(self.file, Some(line), text));
+        format!("material {name} is defined again and replaces the one in {place}")
     }
 }
 
@@ -263,6 +287,17 @@ mod tests {
                 "a.mtl:4: `newmtl` without the name of a material: no face can have it (1 in all)",
             ]
         );
+    }
+
+    #[test]
+    fn prose_is_told_and_many_definitions_of_a_name_are_one_warning() {
+        let (library, warnings) = check("# materials\nThe quick brown fox\njumps.\n");
+        assert!(library.entries.is_empty());
+        assert_eq!(warnings, ["a.mtl:2: no `newmtl` in the file: it defines no material"]);
+        assert!(check("# nothing\n\n").1.is_empty());
+        let (_, warnings) = check(&"newmtl a\n".repeat(1000));
+        assert_eq!(warnings.len(), 1);
+        assert!(warnings[0].ends_with("the one in line 1 (999 such lines in all)"), "{warnings:?}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! One warning per kind of thing that was put right in the materials, with the count and the first place.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use crate::error::Warning;
@@ -47,8 +48,10 @@ struct Note {
     kind: Kind,
     file: PathBuf,
     line: usize,
-    /// Quoted, without repetition.
+    /// The first few, quoted, without repetition.
     names: Vec<String>,
+    /// All of them.
+    known: HashSet<String>,
     detail: Option<String>,
 }
 
@@ -74,22 +77,25 @@ impl Notes {
         name: &str,
         detail: Option<String>,
     ) {
-        let name = quote(name);
-        match self.0.iter_mut().find(|note| note.kind == kind) {
-            Some(note) if note.names.contains(&name) => {}
-            Some(note) => note.names.push(name),
+        let at = match self.0.iter().position(|note| note.kind == kind) {
+            Some(at) => at,
             None => {
-                let (file, names) = (file.to_path_buf(), vec![name]);
-                self.0.push(Note { kind, file, line, names, detail });
+                let (file, names, known) = (file.to_path_buf(), Vec::new(), HashSet::new());
+                self.0.push(Note { kind, file, line, names, known, detail });
+                self.0.len() - 1
             }
+        };
+        let note = &mut self.0[at];
+        if note.known.insert(name.to_owned()) && note.names.len() < LISTED {
+            note.names.push(quote(name));
         }
     }
 
     pub(super) fn warnings(self) -> impl Iterator<Item = Warning> {
         self.0.into_iter().map(|note| {
-            let count = note.names.len();
+            let count = note.known.len();
             let more = if count > LISTED { ", …" } else { "" };
-            let names = note.names[..count.min(LISTED)].join(", ");
+            let names = note.names.join(", ");
             let detail = note.detail.map(|detail| format!("; the first: {detail}"));
             let text = format!(
                 "{} ({count} in all: {names}{more}{})",

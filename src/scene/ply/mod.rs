@@ -84,8 +84,8 @@ fn model(path: &Path, header: &Header, payload: Payload) -> Result<Model> {
         material_of: material_of(&cutter.origins, &faces, pictures.materials.len()),
         materials: pictures.materials,
         textures: pictures.textures,
+        warnings: files.take_warnings(),
         files: files.read,
-        warnings: files.warnings,
         mesh: Mesh {
             origins: cutter.origins,
             parts: vec![Part::default()],
