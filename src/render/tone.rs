@@ -17,7 +17,8 @@ pub(crate) fn automatic_exposure(images: &[&Image]) -> f32 {
     }
     let index = (lit.len() * 95 / 100).min(lit.len() - 1);
     let (_, bright, _) = lit.select_nth_unstable_by(index, f32::total_cmp);
-    0.8 / *bright
+    // A denormal luminance would make it infinite.
+    (0.8 / *bright).min(f32::MAX)
 }
 
 /// 8-bit sRGB, three bytes per pixel.
@@ -69,6 +70,7 @@ mod tests {
         values.extend([(0.01, true); 100]);
         assert!((exposure(&values) - 0.4).abs() < 1e-6);
         assert!((exposure(&[(1000.0, true); 4]) - 0.0008).abs() < 1e-9);
+        assert_eq!(exposure(&[(1e-45, false); 4]), f32::MAX);
         let [dark, bright] = [1.0, 2.0].map(|value| image(&[(value, false); 9]));
         assert_eq!(automatic_exposure(&[&dark, &bright]), 0.4, "several images have one");
     }

@@ -1,5 +1,6 @@
 //! A pinhole camera.
 
+use super::text::LARGEST;
 use crate::error::{Error, Result};
 use crate::geometry::Ray;
 use glam::{DVec3, Vec3};
@@ -46,10 +47,19 @@ impl Camera {
             return Err(Error::new("the camera has a number that is not finite")
                 .remedy("give it ordinary numbers"));
         }
+        if position.abs().max(look_at.abs()).max_element() > f64::from(LARGEST) {
+            return Err(Error::new(format!(
+                "the camera's position or look_at has a coordinate larger than {LARGEST:e}"
+            ))
+            .remedy("move the camera to the scene: no model reaches so far"));
+        }
         let Some(forward) = (look_at - position).as_vec3().try_normalize() else {
             return Err(Error::new("the camera's position and look_at are the same point")
                 .remedy("move one of them"));
         };
+        // Its square must neither overflow nor vanish.
+        let length = up.abs().max_element();
+        let up = if (1e-12..1e12).contains(&length) { up } else { up / length };
         let Some(right) = forward.cross(up).try_normalize() else {
             return Err(Error::new("the camera's up points along its view, or is zero")
                 .remedy("choose an up that is not parallel to look_at - position"));
@@ -136,5 +146,9 @@ mod tests {
         assert!(make(Vec3::Z, Vec3::Y, 0.0).is_err());
         assert!(make(Vec3::Z, Vec3::Y, f32::NAN).is_err());
         assert!(make(Vec3::splat(f32::NAN), Vec3::Y, 40.0).is_err());
+        let [far, long] =
+            [make(Vec3::Z * 1e30, Vec3::Y, 40.0), make(Vec3::Z, Vec3::Y * 1e30, 40.0)];
+        assert!(far.unwrap_err().to_string().contains("larger than 1e12"));
+        assert_eq!(long, make(Vec3::Z, Vec3::Y, 40.0));
     }
 }

@@ -4,7 +4,7 @@ use super::camera::is_view_name;
 use super::formats::is_model;
 use super::overrides::{MaterialOverride, change_matching};
 use super::read::refusal;
-use super::text::{decode, read_bytes};
+use super::text::{LARGEST, decode, read_bytes};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -164,9 +164,9 @@ impl CameraTable {
     }
 }
 
-/// Whether a colour can be a radiance.
+/// Whether a colour can be a radiance: more than 1e12 is none, as of `Ke`.
 pub(crate) fn is_radiance(rgb: Rgb) -> bool {
-    rgb.is_finite() && rgb.cmpge(Rgb::ZERO).all()
+    rgb.to_array().iter().all(|x| (0.0..=LARGEST).contains(x))
 }
 
 fn view((name, table): (String, CameraTable)) -> Result<(String, Camera)> {
@@ -255,7 +255,7 @@ impl Document {
         file.light.check()?;
         let sky = file.sky.map(GreyOrRgb::rgb);
         if sky.is_some_and(|sky| !is_radiance(sky)) {
-            return Err(Error::new("sky is not a radiance of at least 0")
+            return Err(Error::new("sky is not a radiance from 0 to 1e12")
                 .remedy("write sky = 1 or sky = [r, g, b] in W/(sr·m²); 0 is no sky"));
         }
         let camera = file.camera.map(CameraTable::camera).transpose()?;
@@ -358,6 +358,9 @@ mod tests {
             "models = ['a.obj']\n[camera]\nposition = [nan,0,0]\nlook_at = [0,0,1]",
             "models = ['a.obj']\n[materials.x]\nreflectance = [1.5, 0, 0]",
             "models = ['a.obj']\n[materials.x]\nradiance = [-1, 0, 0]",
+            "models = ['a.obj']\n[materials.x]\nradiance = [3e38, 0, 0]",
+            "models = ['a.obj']\nsky = 3e38",
+            "models = ['a.obj']\n[camera]\nposition = [1e30,0,0]\nlook_at = [0,0,0]",
             "models = ['a.obj']\n[image]\nexposure = 0",
             "models = ['a.obj']\n[image]\nexposure = nan",
             "models = ['a.obj']\n[image]\nsize = [0, 4]",
