@@ -158,23 +158,40 @@ impl fmt::Display for Warning {
     }
 }
 
-/// Paths, names and words of a file are part of messages: their control characters must not reach a terminal.
-struct Escaped<'f, 'a>(&'f mut fmt::Formatter<'a>);
+/// Text without what would speak to a terminal: control characters, and those that turn the direction of
+/// writing, are escaped. Lines stay lines.
+pub(crate) fn printable(text: &str) -> String {
+    let mut printable = String::with_capacity(text.len());
+    let _ = Escaped(&mut printable).write_str(text);
+    printable
+}
 
-impl fmt::Write for Escaped<'_, '_> {
+/// As [`printable`], of a path, a title or a word, which must not begin a line of its own either.
+pub(crate) fn in_one_line(text: &str) -> String {
+    printable(text).replace('\n', "\\n")
+}
+
+/// Paths, names and words of a file are part of messages: their control characters must not reach a terminal.
+struct Escaped<W>(W);
+
+impl<W: Write> Write for Escaped<W> {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         text.chars().try_for_each(|c| match c {
             '\n' => self.0.write_char(c),
+            '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
+                write!(self.0, "{}", c.escape_unicode())
+            }
             _ if c.is_control() => write!(self.0, "{}", c.escape_default()),
             _ => self.0.write_char(c),
         })
     }
 }
 
-fn write_place(f: &mut Escaped<'_, '_>, file: Option<&Path>, line: Option<usize>) -> fmt::Result {
+fn write_place(f: &mut impl Write, file: Option<&Path>, line: Option<usize>) -> fmt::Result {
+    let file = file.map(|file| in_one_line(&file.to_string_lossy()));
     match (file, line) {
-        (Some(file), Some(line)) => write!(f, "{}:{line}: ", file.display()),
-        (Some(file), None) => write!(f, "{}: ", file.display()),
+        (Some(file), Some(line)) => write!(f, "{file}:{line}: "),
+        (Some(file), None) => write!(f, "{file}: "),
         _ => Ok(()),
     }
 }
@@ -203,6 +220,8 @@ mod tests {
         assert_eq!(error.to_string(), "ä\\u{1b}[31m\\b.obj: no `\\u{7}`\n  help: do\\r this");
         let warning = Warning::in_file(place, Some(3), "\u{9b}");
         assert_eq!(warning.to_string(), "ä\\u{1b}[31m\\b.obj:3: \\u{9b}");
+        let lines = Error::new("no").in_file(Path::new("a\nerror: \u{202e}b"));
+        assert_eq!(lines.to_string(), "a\\nerror: \\u{202e}b: no");
     }
 
     #[test]

@@ -168,7 +168,8 @@ fn parse_emission(text: &str) -> std::result::Result<(String, Rgb), String> {
 
 /// One number for all channels, or three.
 fn parse_radiance(text: &str) -> std::result::Result<Rgb, String> {
-    let expected = "expected one number of at least 0, or three with commas between";
+    let expected =
+        "expected one number of at least 0 and at most 1e12, or three with commas between";
     let numbers: Vec<f32> = text
         .split(',')
         .map(|x| x.trim().parse().map_err(|_| expected))
@@ -221,13 +222,30 @@ pub(super) struct RunArguments {
     pub seed: Option<u64>,
 
     /// Threads [default: all cores]; the result does not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024),
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_THREADS),
           help_heading = "Run")]
     pub threads: Option<u32>,
 
     /// Write the run's figures as JSON
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub stats: Option<PathBuf>,
+}
+
+/// The most threads.
+const MAX_THREADS: i64 = 1024;
+
+/// Refuses a number of threads in the environment that `--threads` refuses; other words count for nothing.
+///
+/// # Errors
+/// With the variable's name and the range.
+pub(super) fn check_threads() -> Result<()> {
+    const VARIABLE: &str = "RAYON_NUM_THREADS";
+    let given = std::env::var(VARIABLE).ok().and_then(|text| text.trim().parse::<u128>().ok());
+    match given.filter(|number| *number > MAX_THREADS as u128) {
+        Some(number) => Err(Error::new(format!("{VARIABLE} is {number}, more than {MAX_THREADS}"))
+            .remedy("set it to at most the number of cores, or unset it")),
+        None => Ok(()),
+    }
 }
 
 impl RunArguments {

@@ -66,8 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         text.push('\n');
         write_all(vec![Output { path: path.clone(), bytes: text.into_bytes() }])?;
     }
-    say(&report.to_text());
-    Ok(())
+    say(&report.to_text())
 }
 
 fn pool(threads: u32) -> Result<ThreadPool> {

@@ -3,7 +3,7 @@
 use super::render::is_light;
 use super::{say, warn};
 use crate::color::Rgb64;
-use crate::error::Result;
+use crate::error::{Result, in_one_line};
 use crate::patches::{PatchId, PatchMesh, Subdivision};
 use crate::radiosity::{Choices, Method};
 use crate::scene::inspect::Inspection;
@@ -23,14 +23,12 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if is_light(&arguments.scene) {
         let solution = Solution::load(&arguments.scene)?;
-        say(&(describe(&solution.title, solution.scene()) + &describe_light(&solution)));
-        return Ok(());
+        return say(&(describe(&solution.title, solution.scene()) + &describe_light(&solution)));
     }
     let document = Document::open(&arguments.scene)?;
     let scene = document.scene()?;
     warn(&scene.warnings);
-    say(&describe(&document.title, &scene));
-    Ok(())
+    say(&describe(&document.title, &scene))
 }
 
 fn describe_light(solution: &Solution) -> String {
@@ -67,8 +65,7 @@ fn describe(title: &str, scene: &Scene) -> String {
     let facts = Inspection::of(scene);
     let bounds = facts.bounds;
     let closed = if facts.open_edges == 0 { " (closed)" } else { "" };
-    // A title is a file's text, and must not speak to the terminal.
-    let title = title.escape_debug();
+    let title = in_one_line(title);
     let mut text = format!(
         "{title}\n\
          \x20 triangles   {} ({} degenerate left out, {} duplicates)\n\
@@ -97,7 +94,7 @@ fn describe(title: &str, scene: &Scene) -> String {
     for (name, count, what) in counts.into_iter().filter(|(_, count, _)| *count > 0) {
         let _ = writeln!(text, "  {name:<11} {count}{what}");
     }
-    let names: Vec<String> = scene.materials.iter().map(|m| shown(&m.name)).collect();
+    let names: Vec<String> = scene.materials.iter().take(ROWS).map(|m| shown(&m.name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let _ = writeln!(
         text,
@@ -105,8 +102,8 @@ fn describe(title: &str, scene: &Scene) -> String {
         "material", "triangles", "area", "reflectance", "radiance"
     );
     let power = emitted(scene);
-    for (k, (material, used)) in scene.materials.iter().zip(&facts.materials).enumerate() {
-        let name = &names[k];
+    let rows = names.iter().zip(scene.materials.iter().zip(&facts.materials));
+    for (k, (name, (material, used))) in rows.enumerate() {
         let _ = writeln!(
             text,
             "  {:width$}  {:>9}  {:>12.4}  {:22}  {:22}  {}{}",
@@ -119,8 +116,14 @@ fn describe(title: &str, scene: &Scene) -> String {
             remarks(material),
         );
     }
+    if let more @ 1.. = scene.materials.len() - names.len() {
+        let _ = writeln!(text, "  and {more} more");
+    }
     text
 }
+
+/// At most this many materials are listed.
+const ROWS: usize = 1000;
 
 /// Remarks on a material that the columns leave out.
 fn remarks(material: &Material) -> String {
@@ -155,9 +158,11 @@ fn emitted(scene: &Scene) -> Option<Vec<Rgb64>> {
 /// A name of a file for a column: it must not speak to the terminal, and one long name must not pad all others.
 fn shown(name: &str) -> String {
     const LONGEST: usize = 60;
-    let escaped = name.escape_debug();
-    let ellipsis = if escaped.clone().nth(LONGEST).is_some() { "…" } else { "" };
-    escaped.take(LONGEST).collect::<String>() + ellipsis
+    // Escaping makes nothing shorter.
+    let start: String = name.chars().take(LONGEST + 1).collect();
+    let escaped = in_one_line(&start);
+    let ellipsis = if escaped.chars().nth(LONGEST).is_some() { "…" } else { "" };
+    escaped.chars().take(LONGEST).collect::<String>() + ellipsis
 }
 
 fn channels(rgb: Rgb64) -> String {

@@ -11,7 +11,7 @@ mod report;
 mod solve;
 mod verify;
 
-use crate::error::{ErrorKind, Result};
+use crate::error::{Error, ErrorKind, Result, in_one_line, printable};
 use clap::{Parser, Subcommand};
 use std::io::Write;
 use std::process::ExitCode;
@@ -36,8 +36,13 @@ enum Command {
 
 /// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input.
 pub fn run() -> ExitCode {
-    let command = Cli::parse().command;
-    let result = crate::bvh::simd::level().and_then(|_| dispatch(command));
+    let command = match Cli::try_parse() {
+        Ok(cli) => cli.command,
+        Err(error) => return answer(&error),
+    };
+    let result = crate::bvh::simd::level()
+        .and_then(|_| arguments::check_threads())
+        .and_then(|()| dispatch(command));
     match result {
         Ok(code) => code,
         Err(error) => {
@@ -45,6 +50,24 @@ pub fn run() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// Says what is wrong with the arguments, or prints the help that they ask for.
+fn answer(error: &clap::Error) -> ExitCode {
+    let mut text = error.to_string();
+    if !error.use_stderr() {
+        return ExitCode::from(if say(&text).is_ok() { 0 } else { 2 });
+    }
+    // An argument must not begin a line of its own.
+    for argument in std::env::args_os() {
+        let argument = argument.to_string_lossy();
+        let value = argument.split_once('=').map_or(&*argument, |(_, value)| value);
+        for word in [&*argument, value].into_iter().filter(|word| word.contains('\n')) {
+            text = text.replace(word, &in_one_line(word));
+        }
+    }
+    complain(&text);
+    ExitCode::from(2)
 }
 
 /// The flags with which a remedy can be had. The library knows none.
@@ -71,14 +94,25 @@ fn dispatch(command: Command) -> Result<ExitCode> {
     }
 }
 
-/// Prints to standard output. A reader that has closed it (`| head`) is no failure of ours.
-fn say(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
+/// Prints to standard output, without what would speak to a terminal. A reader that has closed it (`| head`) is no
+/// failure of ours.
+///
+/// # Errors
+/// Any other refusal: a full disk.
+fn say(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(printable(text).as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            let error = Error::new(format!("cannot write to standard output: {e}"));
+            Err(error.of_kind(ErrorKind::System).remedy("check where it goes to"))
+        }
+        _ => Ok(()),
+    }
 }
 
-/// Prints to standard error.
+/// Prints to standard error, without what would speak to a terminal.
 fn complain(text: &str) {
-    let _ = std::io::stderr().write_all(text.as_bytes());
+    let _ = std::io::stderr().write_all(printable(text).as_bytes());
 }
 
 fn warn(warnings: &[crate::error::Warning]) {

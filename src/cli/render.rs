@@ -158,8 +158,7 @@ impl Run<'_> {
         write_all(outputs)?;
         warn(report.warning().as_slice());
         warn(missed(arguments.error, report.picture_error).as_slice());
-        say(&report.to_text());
-        Ok(())
+        say(&report.to_text())
     }
 }
 

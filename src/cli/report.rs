@@ -1,7 +1,7 @@
 //! The report of a run: a few lines for people, a JSON file for programs.
 
 use crate::color::Rgb64;
-use crate::error::Warning;
+use crate::error::{Warning, in_one_line};
 use crate::memory;
 use crate::plan::Spent;
 use crate::radiosity::Energy;
@@ -151,8 +151,7 @@ impl Report {
     /// The few lines that end a run.
     pub(super) fn to_text(&self) -> String {
         let s = &self.seconds;
-        // The title is a file's text, and must not speak to the terminal.
-        let mut text = format!("{}\n", self.scene.escape_debug());
+        let mut text = format!("{}\n", in_one_line(&self.scene));
         let mut line = |name: &str, value: String| {
             let _ = writeln!(text, "  {name:<13} {value}");
         };
@@ -222,7 +221,7 @@ impl Report {
             line("exposure", format!("{}{how}", all.join(", ")));
         }
         for file in &self.files {
-            line("wrote", file.clone());
+            line("wrote", in_one_line(file));
         }
         text
     }

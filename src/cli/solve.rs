@@ -114,8 +114,7 @@ fn finish(
     }
     write_all(files)?;
     warn(report.warning().as_slice());
-    say(&report.to_text());
-    Ok(())
+    say(&report.to_text())
 }
 
 fn describe(part: &Part, spent: &Spent, path: &Path) -> String {

@@ -171,7 +171,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     let json = arguments.json.as_ref();
     let json = json.map(|path| Output { path: path.clone(), bytes: verdict.to_json() });
     write_all(json.into_iter().chain(picture).collect())?;
-    say(&verdict.to_text(&findings));
+    say(&verdict.to_text(&findings))?;
     Ok(conclude(&verdict, &[findings, stress_mesh].concat()))
 }
 

@@ -9,6 +9,7 @@ mod equivalence;
 mod fields;
 mod form_factor;
 mod formats;
+mod hostile;
 mod overlaps;
 mod radiosity;
 mod render;

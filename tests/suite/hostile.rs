@@ -1,0 +1,197 @@
+//! Files and arguments that someone made to do harm, through the program.
+
+use assert_cmd::Command;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// A folder with `s.obj`, a triangle, and its lamp in `s.mtl`.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
+    write("s.obj", "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
+    write("s.mtl", "newmtl m\nKd .5 .5 .5\nKe 1 1 1\n");
+    folder
+}
+
+fn isolux(folder: &TempDir, arguments: &[&str]) -> Command {
+    let mut command = Command::cargo_bin("isolux").expect("the program is built");
+    command.current_dir(folder.path()).args(arguments);
+    command
+}
+
+/// The exit code, and all that was said.
+fn said(folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
+    let output = isolux(folder, arguments).output().expect("it runs");
+    let text = [output.stdout, output.stderr].concat();
+    (output.status.code(), String::from_utf8(text).expect("UTF-8"))
+}
+
+#[test]
+fn nothing_that_is_said_speaks_to_the_terminal() {
+    const EVIL: &str = "\u{1b}]0;P\u{7}\u{202e}";
+    let folder = folder();
+    let write = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).expect("a file");
+        name.to_string()
+    };
+    let model = "models=['s.obj']\n";
+    let escape = r"\u001b]0;P\u0007";
+    let files = [
+        write("title.toml", &format!("title=\"a{escape}\\nerror: b\"\n{model}")),
+        write("path.toml", &format!("models=[\"{escape}.obj\"]\n")),
+        write("override.toml", &format!("{model}[materials.\"{escape}\"]\nradiance=[1,1,1]\n")),
+        write("key.toml", &format!("{model}\"{escape}\"=1\n")),
+        write("name.obj", &format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl {EVIL}\nf 1 2 3\n")),
+        format!("{EVIL}.obj"),
+        format!("{EVIL}\nerror: x.stl"),
+    ];
+    let out = format!("{EVIL}\nerror: x.png");
+    let quick = ["--size", "4x4", "--spp", "1", "--levels", "0"];
+    let mut runs: Vec<Vec<&str>> = files.iter().map(|file| vec!["info", file]).collect();
+    runs.push([&["render", "s.obj", "-o", &out][..], &quick].concat());
+    let size = format!("--size={EVIL}\nerror: x");
+    runs.push(vec!["render", "s.obj", "-o", "a.png", &size]);
+    runs.push(vec![&out]);
+    for run in runs {
+        let (_, text) = said(&folder, &run);
+        let speaks = |c: char| (c.is_control() && c != '\n') || c == '\u{202e}';
+        assert!(!text.contains(speaks), "{run:?}: {text:?}");
+        let forged = text.lines().filter(|line| line.starts_with("error: ")).count();
+        assert!(forged <= 1 && !text.contains("\nerror: x"), "{run:?}: {text}");
+        assert!(text.len() > 10, "{run:?}: {text}");
+    }
+    assert!(folder.path().join(&out).exists());
+}
+
+#[test]
+fn long_names_and_many_materials_do_not_fill_the_screen() {
+    let folder = folder();
+    let many: String = (0..20_000).map(|i| format!("newmtl a{i}\n")).collect();
+    let long = format!("newmtl {}\n", "n".repeat(70_000));
+    fs::write(folder.path().join("s.mtl"), format!("newmtl m\nKe 1 1 1\n{long}{many}")).unwrap();
+    let (code, text) = said(&folder, &["info", "s.obj"]);
+    assert_eq!(code, Some(0));
+    assert!(text.len() < 200_000 && text.contains("and 19002 more"), "{} bytes", text.len());
+
+    let missing: String = (0..20_000).map(|i| format!("usemtl a{i}\nf 1 2 3\n")).collect();
+    let model = format!("mtllib no.mtl\nmtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{missing}");
+    fs::write(folder.path().join("missing.obj"), model).unwrap();
+    let (_, text) = said(&folder, &["info", "missing.obj"]);
+    let warnings: Vec<&str> = text.lines().filter(|line| line.starts_with("warning")).collect();
+    assert!(warnings.len() < 8 && warnings.iter().all(|line| line.len() < 600), "{warnings:?}");
+    assert!(warnings.iter().any(|line| line.contains("2 such files in all")), "{warnings:?}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_behind_standard_output_is_a_failure() {
+    let folder = folder();
+    let full = fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+    let program = assert_cmd::cargo::cargo_bin("isolux");
+    let run = std::process::Command::new(program)
+        .args(["info", "s.obj"])
+        .current_dir(folder.path())
+        .stdout(full)
+        .output()
+        .expect("it runs");
+    assert_eq!(run.status.code(), Some(2));
+    let text = String::from_utf8_lossy(&run.stderr);
+    assert!(text.contains("error: cannot write to standard output"), "{text}");
+}
+
+#[test]
+fn what_has_a_doubtful_meaning_is_said() {
+    let folder = folder();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write("bow.obj", "v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4\n");
+    let (_, text) = said(&folder, &["info", "bow.obj"]);
+    assert!(text.contains("bow.obj: the outlines of faces cross themselves"), "{text}");
+    write("s.mtl", "Dear reader,\nthis is no material.\n");
+    let (_, text) = said(&folder, &["info", "s.obj"]);
+    assert!(text.contains("s.mtl:1: no `newmtl` in the file"), "{text}");
+    write("bright.toml", "models=['s.obj']\n[materials.m]\nradiance=[3e38,1,1]\n");
+    let (code, text) = said(&folder, &["info", "bright.toml"]);
+    assert!(code == Some(2) && text.contains("radiance is outside [0, 1e12]"), "{text}");
+    let output = isolux(&folder, &["info", "s.obj"]).env("RAYON_NUM_THREADS", "99999").output();
+    let output = output.expect("it runs");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && text.contains("RAYON_NUM_THREADS is"), "{text}");
+}
+
+#[cfg(unix)]
+#[test]
+fn no_name_of_an_input_is_taken_for_an_output() {
+    let folder = folder();
+    fs::hard_link(folder.path().join("s.mtl"), folder.path().join("out.png")).unwrap();
+    let (code, text) = said(&folder, &["render", "s.obj", "-o", "out.png", "--size", "4x4"]);
+    assert!(code == Some(2) && text.contains("would overwrite"), "{text}");
+    assert!(fs::read_to_string(folder.path().join("s.mtl")).unwrap().starts_with("newmtl"));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_the_kernel_makes_up_is_no_model() {
+    let folder = folder();
+    let link = folder.path().join("k.obj");
+    std::os::unix::fs::symlink("/proc/kmsg", &link).unwrap();
+    let mtl = "mtllib /proc/kmsg\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    fs::write(folder.path().join("m.obj"), mtl).unwrap();
+    let run = |file: &str| {
+        let mut command = isolux(&folder, &["info", file]);
+        let output = command.timeout(std::time::Duration::from_secs(20)).output().expect("it ends");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    for file in ["k.obj", "m.obj"] {
+        let text = run(file);
+        assert!(text.contains("it is not a regular file"), "{file}: {text}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_limit_of_the_address_space_is_memory_that_there_is() {
+    let folder = folder();
+    let program = assert_cmd::cargo::cargo_bin("isolux");
+    let command = format!(
+        "ulimit -c 0; ulimit -v 600000; {} render s.obj -o o.png --size 8000x8000 --threads 1",
+        program.display()
+    );
+    let shell = std::process::Command::new("sh")
+        .args(["-c", &command])
+        .current_dir(folder.path())
+        .output()
+        .expect("it runs");
+    let text = String::from_utf8_lossy(&shell.stderr);
+    assert!(shell.status.code() == Some(2) && text.contains("8000x8000 pixels needs"), "{text}");
+}
+
+/// Names in a folder, sorted.
+fn names(folder: &Path) -> Vec<PathBuf> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into()).collect();
+    names.sort();
+    names
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_that_is_killed_leaves_nothing() {
+    let folder = folder();
+    let before = names(folder.path());
+    let program = assert_cmd::cargo::cargo_bin("isolux");
+    for wait in [30, 100, 300] {
+        let arguments = ["render", "s.obj", "-o", "o.exr", "--size", "900x900", "--spp", "256"];
+        let mut run = std::process::Command::new(&program)
+            .args(arguments)
+            .current_dir(folder.path())
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .expect("it runs");
+        std::thread::sleep(std::time::Duration::from_millis(wait));
+        run.kill().expect("it runs still");
+        run.wait().expect("it ends");
+        assert_eq!(names(folder.path()), before, "after {wait} ms");
+    }
+}
