@@ -216,14 +216,8 @@ impl Solution {
         if self.split.cube.is_some_and(|edge| !(edge > 0.0 && edge.is_finite())) {
             return Err(SEAL.contradiction());
         }
-        // Counted before any patch is made; clusters have to be made to be counted.
-        let mut patches = PatchMesh::most(scene, &self.split, &self.sides)?;
-        if self.split.cube.is_some() {
-            patches = self.patches().len();
-        }
         let is_share = |c: &Rgb| c.cmpge(Rgb::ZERO).all() && c.cmple(Rgb::ONE).all();
-        let means_something = self.light.is_of(patches)
-            && self.light.is_possible()
+        let means_something = self.light.is_possible()
             && scene.textures.iter().all(Texture::is_possible)
             && scene.materials.iter().all(|m| m.is_possible(scene.textures.len()))
             && scene.mesh.colors.iter().flat_map(|c| &c.values).all(is_share)
@@ -231,6 +225,15 @@ impl Solution {
             && std::iter::once(&self.camera).chain(self.views.values()).all(Camera::is_possible)
             && self.views.keys().all(|name| is_view_name(name));
         if !means_something {
+            return Err(SEAL.contradiction());
+        }
+        // Counted before any patch is made; clusters have to be made to be counted, of a scene that is known to be
+        // possible.
+        let mut patches = PatchMesh::most(scene, &self.split, &self.sides)?;
+        if self.split.cube.is_some() {
+            patches = self.patches().len();
+        }
+        if !self.light.is_of(patches) {
             return Err(SEAL.contradiction());
         }
         self.image.check()?;
@@ -405,11 +408,13 @@ mod tests {
         );
         let map = Map { texture: TextureId(0), transform: glam::Affine2::IDENTITY };
         let mapped = Material { reflectance_map: Some(map), ..Material::fallback() };
-        let materials = [mapped].into();
-        refused(
-            Solution { scene: Scene { materials, ..good.scene.clone() }, ..good.clone() },
-            itself,
-        );
+        for cube in [None, Some(0.5)] {
+            let materials = [mapped.clone()].into();
+            let (scene, known_patches) =
+                (Scene { materials, ..good.scene.clone() }, Arc::default());
+            let split = Split { levels: vec![2], cube };
+            refused(Solution { scene, split, known_patches, ..good.clone() }, itself);
+        }
         let mut texture = Texture::new("x".into(), [1, 1], [[0; 4]].into(), Default::default());
         texture.width = 2;
         let textures = [texture].into();

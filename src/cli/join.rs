@@ -36,6 +36,5 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     report.rays = solution.figures.rays;
     report.seconds.total = start.elapsed().as_secs_f64();
     super::warn(report.warning().as_slice());
-    say(&report.to_text());
-    Ok(())
+    say(&report.to_text())
 }

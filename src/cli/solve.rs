@@ -88,7 +88,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
     let (part, spent) = plan.solve_part(&tracer, share, begun, keep, &Bars::new())?;
     if arguments.part.is_some() {
         part.save(&arguments.output)?;
-        say(&describe(&part, &spent, &arguments.output));
+        say(&describe(&part, &spent, &arguments.output))?;
     } else {
         let seconds = Seconds::new(load, build, &spent);
         finish(arguments, &put_together(vec![part]), seconds, spent.rays, start)?;

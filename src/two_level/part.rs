@@ -211,7 +211,7 @@ impl Part {
             return false;
         }
         let done = self.light.irradiance.len();
-        let whole_blocks = done % Part::BLOCK == 0 || self.is_finished();
+        let whole_blocks = done.is_multiple_of(Part::BLOCK) || self.is_finished();
         done <= self.patches().len()
             && whole_blocks
             && self.light.error.len() == done

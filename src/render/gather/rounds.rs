@@ -13,7 +13,7 @@ const QUICK: f32 = 0.02;
 /// Rounds of a quick picture.
 const QUICK_ROUNDS: u32 = 3;
 /// Rounds of a picture with a goal, or until time is up.
-const MOST_ROUNDS: u32 = 5;
+const MOST_ROUNDS: u32 = 6;
 const MOST_TIMED_ROUNDS: u32 = 30;
 /// When fewer samples are wanted, as a share of those that there are, a picture is good enough.
 const FEW: f64 = 0.01;
