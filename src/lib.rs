@@ -47,8 +47,8 @@
 //! | 7 | `paths` | paths of light, which end by chance or where a solution is known |
 //! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated, path-traced |
 //! | 8 | [`render`], `export` | pictures by fields or by gathering, exposure; files that appear whole |
-//! | 9 | [`two_level`] | light on very many patches, gathered from fewer, whole or in parts |
 //! | 8 | `lit_sides`, `framing` | sides that light reaches; a camera for scenes without one |
+//! | 8 | [`two_level`] | light on very many patches, gathered from fewer, whole or in parts |
 //! | 9 | [`plan`] | from a scene and its settings to its solution |
 //! | 9 | [`view`] | a solution, ready to be drawn from anywhere |
 //! | 9 | [`equivalence`] | the whole pipeline on two tracers, every difference explained |
@@ -74,6 +74,8 @@
 //!   estimated by [`direct`] and the rays carry only what is reflected.
 //! - **Work follows light, not triangles.** Small triangles share patches (`patches::cluster`), and pictures gather
 //!   soft light from the patches at the pixels (`render::gather`), so neither the patches nor the triangles show.
+//! - **Millions of patches gather.** Their light is read from some 20,000 elements by paths that are not stored, so a
+//!   patch takes 42 bytes and its light depends on no other patch ([`two_level`]).
 //! - **Near pairs are sampled by solid angle.** 1/r² has no finite variance over two patches that share
 //!   an edge; sampled by solid angle (`form_factor::spherical`) the integrand is a bounded cosine.
 //! - **Covered parts do not count.** A patch that is partly covered by another surface is weighted by its
