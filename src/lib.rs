@@ -45,6 +45,7 @@
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
 //! | 7 | `paths` | paths of light, which end by chance or where a solution is known |
+//! | 8 | [`certificate`] | how far a solution is from the truth, at most |
 //! | 8 | [`field`] | irradiance at any point, behind [`IrradianceField`]: constant, interpolated, path-traced |
 //! | 8 | [`render`], `export` | pictures by fields or by gathering, exposure; files that appear whole |
 //! | 8 | `lit_sides`, `framing` | sides that light reaches; a camera for scenes without one |
@@ -101,6 +102,7 @@
 
 mod bench;
 pub mod bvh;
+pub mod certificate;
 pub mod cli;
 pub mod color;
 mod coverage;

@@ -58,6 +58,11 @@ pub(crate) struct Start {
 }
 
 impl Start {
+    /// One path from a point that is lifted off its surface.
+    pub(crate) fn new(point: Vec3, normal: Vec3, stream: u64, number: u32) -> Start {
+        Start { point, normal, stream, number }
+    }
+
     /// One path for a sample of a picture, with numbers of its pixel's own.
     pub(crate) fn at(point: &SurfacePoint) -> Start {
         let [x, y] = point.sample.pixel;
@@ -172,15 +177,20 @@ impl Solved {
         irradiance: &[Rgb],
         uncovered: &[f32],
     ) -> Solved {
-        let of_patch = |(i, (irradiance, &share)): (usize, (&Rgb, &f32))| {
-            let patch = PatchId(i as u32);
-            // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
-            let share = if share > 0.0 { share } else { 1.0 };
-            let reflected = mesh.reflectance(patch) * (*irradiance / share);
-            reflected + lights.unsampled(mesh, patch)
-        };
-        let patches = irradiance.iter().zip(uncovered).enumerate();
-        Solved::new(mesh, &patches.map(of_patch).collect::<Vec<_>>())
+        Solved::new(mesh, &radiosity(mesh, lights, irradiance, uncovered))
+    }
+
+    /// As [`of`](Self::of), to end every path at the first patch that it meets, from however near.
+    pub(crate) fn everywhere(
+        mesh: &PatchMesh,
+        lights: &Lights,
+        irradiance: &[Rgb],
+        uncovered: &[f32],
+    ) -> Solved {
+        let radiosity = radiosity(mesh, lights, irradiance, uncovered);
+        let known = |radiosity| Known { radiosity, far: 0.0 };
+        let bright = EmittingTriangles::of_bright(mesh, &[]);
+        Solved { patches: radiosity.into_iter().map(known).collect(), bright }
     }
 
     /// `radiosity`: B in W·m⁻² without what the lights sample, per patch.
@@ -204,6 +214,18 @@ impl Solved {
             bright: EmittingTriangles::of_bright(mesh, &bright),
         }
     }
+}
+
+/// B in W·m⁻² without what the lights sample, per patch.
+fn radiosity(mesh: &PatchMesh, lights: &Lights, irradiance: &[Rgb], uncovered: &[f32]) -> Vec<Rgb> {
+    let of_patch = |(i, (irradiance, &share)): (usize, (&Rgb, &f32))| {
+        let patch = PatchId(i as u32);
+        // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
+        let share = if share > 0.0 { share } else { 1.0 };
+        let reflected = mesh.reflectance(patch) * (*irradiance / share);
+        reflected + lights.unsampled(mesh, patch)
+    };
+    irradiance.iter().zip(uncovered).enumerate().map(of_patch).collect()
 }
 
 /// From nearer than this many times the extent of a patch, its mean radiosity does not stand for the

@@ -1,5 +1,6 @@
 //! From a scene and its settings to its solution.
 
+use crate::certificate::Certificate;
 use crate::color::rounded;
 use crate::coverage;
 use crate::error::{Error, Result};
@@ -35,6 +36,9 @@ pub struct Spent {
     /// Finding what is covered, and a camera.
     pub coverage: Duration,
 }
+
+/// The certificate's numbers are not those of the solution.
+const CERTIFICATE: u64 = 0x6365_7274;
 
 impl<'d> Plan<'d> {
     /// The document fills in what the settings leave open, and the defaults what both leave open.
@@ -102,15 +106,18 @@ impl<'d> Plan<'d> {
         if progress.is_stopped() {
             return Err(Error::stopped());
         }
+        let irradiance = rounded(&light.irradiance);
+        let seed = self.choices.seed ^ CERTIFICATE;
+        let (certificate, certificate_rays) =
+            Certificate::of(caster, &mesh, &irradiance, &uncovered, seed);
         let camera = self.document.view(&self.scene, &mesh.sides_of_triangles(), caster);
+        let figures = Figures { certificate, ..Figures::of(&light) };
         let spent = Spent {
-            rays: light.rays + cover_rays,
+            rays: light.rays + cover_rays + certificate_rays,
             transport: light.transport_time,
             solve: light.solve_time,
             coverage: start.elapsed(),
         };
-        let figures = Figures::of(&light);
-        let irradiance = rounded(&light.irradiance);
         let light = PatchLight { irradiance, error: Vec::new(), uncovered };
         let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
         Ok((solution, spent))

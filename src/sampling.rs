@@ -45,6 +45,7 @@ pub enum Purpose {
     Roulette,
     Bright,
     Lamp,
+    SurfacePoint,
     PatchPoint,
 }
 

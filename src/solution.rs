@@ -4,6 +4,7 @@
 //! scene, the subdivision, the irradiance of each patch. Saved, it is a `.light` file, which gives the same bits
 //! on every machine.
 
+use crate::certificate::Certificate;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
@@ -69,6 +70,8 @@ pub struct Figures {
     pub energy: Energy,
     /// Rays traced for the light.
     pub rays: u64,
+    /// `None` where nothing is reflected, or where it was not worked out: of light in two levels.
+    pub certificate: Option<Certificate>,
 }
 
 const SEAL: Seal = Seal {
@@ -266,6 +269,7 @@ impl Figures {
             reciprocity_defect: light.reciprocity_defect,
             energy: light.energy,
             rays: light.rays,
+            certificate: None,
         }
     }
 }

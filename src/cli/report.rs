@@ -1,5 +1,6 @@
 //! The report of a run: a few lines for people, a JSON file for programs.
 
+use crate::certificate::Certificate;
 use crate::color::Rgb64;
 use crate::error::{Warning, in_one_line};
 use crate::memory;
@@ -34,6 +35,8 @@ pub(super) struct Report {
     /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `null` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: EnergyBalance,
+    /// How far the light is from the truth, at most; `null` where that is not known.
+    pub certificate: Option<Certificate>,
     /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means.
     pub imbalance: f64,
     /// The root mean square of the relative standard errors of the pixels, the largest of all gathered pictures; `null`
@@ -122,6 +125,7 @@ impl Report {
             mean_row_sum_defect: solution.figures.mean_row_sum_defect,
             reciprocity_defect: solution.figures.reciprocity_defect,
             energy: (*energy).into(),
+            certificate: solution.figures.certificate,
             imbalance: energy.imbalance(),
             picture_error: None,
             exposure: None,
@@ -188,6 +192,18 @@ impl Report {
         }
         line("escaped", watts(self.energy.escaped));
         line("balance", format!("{:+.3} %", 100.0 * self.imbalance));
+        if let Some(Certificate { residual, bound }) = self.certificate {
+            let bound = match bound {
+                Some(bound) => {
+                    format!("the patches' light is off by at most {:.1} %", 100.0 * bound)
+                }
+                None => "no bound, as a reflectance is 1".into(),
+            };
+            line(
+                "certificate",
+                format!("{bound} (root mean square, 95 %; residual {:.2} %)", 100.0 * residual),
+            );
+        }
         if let Some(error) = self.picture_error {
             line(
                 "error",

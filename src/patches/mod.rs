@@ -10,6 +10,7 @@ mod cell;
 mod cluster;
 mod looks;
 mod members;
+mod random_points;
 mod subdivision;
 mod surface_point;
 
@@ -24,6 +25,7 @@ use glam::Vec3;
 pub(crate) use looks::Look;
 use looks::Looks;
 pub(crate) use members::Members;
+pub(crate) use random_points::RandomPoints;
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 pub use subdivision::Subdivision;
