@@ -155,6 +155,8 @@ pub(crate) struct Solved {
     /// Few and bright patches, such as a ceiling above an uplight: from afar they light like lamps, are found like
     /// lamps, and are black to paths that meet them.
     bright: EmittingTriangles,
+    /// Whether these bring so much of the light that it is worth while to choose well among them.
+    are_main_light: bool,
 }
 
 /// What a solution knows of a patch.
@@ -168,6 +170,8 @@ struct Known {
 
 /// How many times as bright as the mean a patch must be to be sampled as a lamp is.
 const BRIGHT: f64 = 5.0;
+/// The share of all reflected light from which bright patches are the main light.
+const MAIN_LIGHT: f64 = 0.1;
 
 impl Solved {
     /// What is known from the irradiance in W·m⁻² and the uncovered share of its area, per patch.
@@ -190,7 +194,8 @@ impl Solved {
         let radiosity = radiosity(mesh, lights, irradiance, uncovered);
         let known = |radiosity| Known { radiosity, far: 0.0 };
         let bright = EmittingTriangles::of_bright(mesh, &[]);
-        Solved { patches: radiosity.into_iter().map(known).collect(), bright }
+        let patches = radiosity.into_iter().map(known).collect();
+        Solved { patches, bright, are_main_light: false }
     }
 
     /// `radiosity`: B in W·m⁻² without what the lights sample, per patch.
@@ -204,6 +209,7 @@ impl Solved {
         let far = |patch: PatchId| NEAR * NEAR * mesh.extent_squared(patch);
         let as_lamp = |patch: PatchId| (patch, radiosity[patch.index()], far(patch));
         let bright: Vec<(PatchId, Rgb, f32)> = patches().filter(is_bright).map(as_lamp).collect();
+        let of_bright: f64 = bright.iter().map(|(patch, ..)| power(*patch)).sum();
         let known = |patch: PatchId| {
             let is_lamp = is_bright(&patch);
             let radiosity = if is_lamp { Rgb::ZERO } else { radiosity[patch.index()] };
@@ -212,6 +218,7 @@ impl Solved {
         Solved {
             patches: patches().map(known).collect(),
             bright: EmittingTriangles::of_bright(mesh, &bright),
+            are_main_light: of_bright > MAIN_LIGHT * mean * area,
         }
     }
 }
@@ -326,11 +333,14 @@ impl Paths<'_> {
     fn sample_bright(&self, step: &mut Step, starts: &[Start], bounce: u32, sum: &mut [Rgb]) {
         if let Some(solved) = self.known.filter(|solved| !solved.bright.is_empty()) {
             let numbers = |start: &Start| self.numbers(Purpose::Bright, start, bounce);
-            let one_of_several = |walk: &Walk| {
+            let sample = |walk: &Walk| {
                 let xi = numbers(&starts[walk.start]);
-                solved.bright.resampled_at(walk.point, walk.normal, xi)
+                if solved.are_main_light {
+                    return solved.bright.resampled_at(walk.point, walk.normal, xi);
+                }
+                solved.bright.sample_at(walk.point, walk.normal, [xi[0], xi[1]])
             };
-            self.sample(step, one_of_several, sum);
+            self.sample(step, sample, sum);
         }
     }
 
