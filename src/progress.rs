@@ -34,6 +34,12 @@ pub trait Progress: Sync {
     fn is_stopped(&self) -> bool {
         false
     }
+
+    /// Whether to end with what there is: a picture that becomes better round by round ends with those that it has,
+    /// once it has one.
+    fn is_enough(&self) -> bool {
+        false
+    }
 }
 
 impl Progress for () {

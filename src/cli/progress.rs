@@ -2,18 +2,39 @@
 
 use crate::progress::{Progress, Stage};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::sync::RwLock;
+use signal_hook::consts::SIGINT;
+use signal_hook::flag;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, RwLock};
 
 /// Bars on standard error, one after the other; drawn only if that is a terminal.
-pub(super) struct Bars(RwLock<ProgressBar>);
+pub(super) struct Bars {
+    bar: RwLock<ProgressBar>,
+    interrupted: Arc<AtomicBool>,
+}
 
 impl Bars {
     pub(super) fn new() -> Bars {
-        Bars(RwLock::new(ProgressBar::hidden()))
+        let bar = RwLock::new(ProgressBar::hidden());
+        Bars { bar, interrupted: Arc::default() }
+    }
+
+    /// From now on Ctrl-C ends a picture with what there is. A second one ends the program.
+    pub(super) fn watch_for_interrupts(&self) {
+        let code = 128 + SIGINT;
+        let flag = || self.interrupted.clone();
+        // In this order, so that the first does not see its own mark. Where a signal cannot be caught it ends
+        // the program, as before.
+        let _ = flag::register_conditional_shutdown(SIGINT, code, flag())
+            .and_then(|_| flag::register(SIGINT, flag()));
+    }
+
+    pub(super) fn was_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
     }
 
     fn bar(&self) -> ProgressBar {
-        self.0.read().expect("no thread panics while it draws").clone()
+        self.bar.read().expect("no thread panics while it draws").clone()
     }
 }
 
@@ -27,7 +48,7 @@ impl Progress for Bars {
         };
         bar.set_style(ProgressStyle::with_template(template).expect("it is well formed"));
         bar.set_message(name(stage));
-        *self.0.write().expect("no thread panics while it draws") = bar;
+        *self.bar.write().expect("no thread panics while it draws") = bar;
     }
 
     fn advance(&self, amount: u64) {
@@ -36,6 +57,10 @@ impl Progress for Bars {
 
     fn end(&self) {
         self.bar().finish_and_clear();
+    }
+
+    fn is_enough(&self) -> bool {
+        self.was_interrupted()
     }
 }
 

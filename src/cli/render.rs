@@ -126,7 +126,12 @@ impl Run<'_> {
     ) -> Result<()> {
         let (arguments, pictures) = (self.arguments, &self.pictures);
         let rendering = Instant::now();
-        let images = draw(arguments, tracer, self.camera.as_ref(), frame, pictures, solution)
+        let bars = Bars::new();
+        if arguments.shading.contains(&ShadingName::Gather) {
+            bars.watch_for_interrupts();
+        }
+        let camera = self.camera.as_ref();
+        let images = draw(arguments, tracer, camera, frame, pictures, solution, &bars)
             .map_err(|error| error.in_file_if_none(&arguments.scene))?;
         let views = pictures.chunk_by(|a, b| a.view == b.view).count();
         let exposures = exposures(arguments, solution, &images, views);
@@ -157,7 +162,12 @@ impl Run<'_> {
         }
         write_all(outputs)?;
         warn(report.warning().as_slice());
-        warn(missed(arguments.error, report.picture_error).as_slice());
+        if bars.was_interrupted() {
+            let text = "interrupted: the picture has the samples that there was time for";
+            warn(&[Warning::new(text)]);
+        } else {
+            warn(missed(arguments.error, report.picture_error).as_slice());
+        }
         say(&report.to_text())
     }
 }
@@ -281,6 +291,7 @@ fn draw(
     frame: &Frame,
     pictures: &[Picture],
     solution: &Solution,
+    bars: &Bars,
 ) -> Result<Vec<Image>> {
     // Every name is looked up before the first picture is drawn.
     let of_views: Vec<&[Picture]> = pictures.chunk_by(|a, b| a.view == b.view).collect();
@@ -295,7 +306,7 @@ fn draw(
         ShadingName::Gather => solution.gathered(),
         ShadingName::Path => solution.path_traced(),
     });
-    let (looks, bars) = (looks.collect::<Vec<_>>(), Bars::new());
+    let looks = looks.collect::<Vec<_>>();
     let mut images = Vec::new();
     for (k, camera) in cameras.iter().enumerate() {
         let now = Instant::now();
@@ -303,7 +314,7 @@ fn draw(
             now + until.saturating_duration_since(now) / (cameras.len() - k) as u32
         };
         let frame = Frame { deadline: frame.deadline.map(share), ..*frame };
-        images.extend(View::draw_all(&looks, caster, camera, &frame, &bars)?);
+        images.extend(View::draw_all(&looks, caster, camera, &frame, bars)?);
     }
     Ok(images)
 }

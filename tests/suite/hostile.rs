@@ -195,3 +195,25 @@ fn a_run_that_is_killed_leaves_nothing() {
         assert_eq!(names(folder.path()), before, "after {wait} ms");
     }
 }
+
+#[test]
+fn an_interrupted_picture_shows_what_there_is() {
+    let folder = folder();
+    let scene = format!("{}/scenes/cornell-box.toml", env!("CARGO_MANIFEST_DIR"));
+    // An hour's work, if nobody interrupts it.
+    let picture = ["--levels", "2", "--size", "320x240", "--time", "3600s", "-o", "a.png"];
+    let arguments = [&["render", &scene][..], &picture].concat();
+    let program = assert_cmd::cargo::cargo_bin("isolux");
+    let mut command = std::process::Command::new(program);
+    let pipe = std::process::Stdio::piped;
+    let command = command.current_dir(folder.path()).args(arguments).stdout(pipe()).stderr(pipe());
+    let child = command.spawn().expect("it runs");
+    std::thread::sleep(std::time::Duration::from_secs(8));
+    let kill = ["-INT", &child.id().to_string()].map(str::to_string);
+    assert!(std::process::Command::new("kill").args(kill).status().expect("it runs").success());
+    let output = child.wait_with_output().expect("it ends");
+    let said = String::from_utf8(output.stderr).expect("UTF-8");
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("interrupted"), "{said}");
+    assert!(folder.path().join("a.png").is_file());
+}

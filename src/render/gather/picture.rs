@@ -25,19 +25,20 @@ impl Picture {
         Picture { width: frame.width as usize, rows: vec![Row::default(); frame.height as usize] }
     }
 
-    /// Adds samples to the pixels; `numbers` says which.
+    /// Adds samples to the pixels; `numbers` says which. Rows are left as they are once there is enough.
     pub(super) fn sample(
         &mut self,
         eye: &Eye,
         paths: &Paths,
         numbers: impl Fn(usize) -> Range<u32> + Sync,
         progress: &dyn Progress,
+        is_enough: &(dyn Fn() -> bool + Sync),
     ) {
         let width = self.width;
         let rows = self.rows.par_iter_mut().enumerate();
         rows.for_each_init(Work::default, |work, (y, row)| {
             // The caller throws away what is left undone.
-            if !progress.is_stopped() {
+            if !progress.is_stopped() && !is_enough() {
                 work.add(eye, paths, (y, row), |x| numbers(y * width + x));
                 progress.advance(1);
             }

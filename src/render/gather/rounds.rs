@@ -42,7 +42,9 @@ pub(super) fn sample(
     for round in 1.. {
         let began = Instant::now();
         progress.begin(Stage::Render, Some(frame.height as u64));
-        picture.sample(eye, paths, |pixel| counts[pixel]..wanted[pixel], progress);
+        // What was interrupted in the first round is no picture.
+        let is_enough = || round > 1 && progress.is_enough();
+        picture.sample(eye, paths, |pixel| counts[pixel]..wanted[pixel], progress, &is_enough);
         progress.end();
         if progress.is_stopped() {
             return None;
@@ -50,6 +52,10 @@ pub(super) fn sample(
         let taken = difference(&counts, &wanted);
         counts = wanted;
         let sampling = began.elapsed();
+        if progress.is_enough() {
+            let soft = picture.soft();
+            return Some((picture, soft));
+        }
         // A quick picture takes soft light as it comes, and in little time rather samples are taken than averaged.
         let is_worth_it = frame.deadline.is_none() || sampling > averaging * SELDOM;
         let soft = ((!is_quick && is_worth_it) || round == most).then(|| picture.soft());
