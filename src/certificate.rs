@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::AtomicU64;
 
-/// What is known of a solution's error, in the channel in which it is worst, relative to the mean square of the
+/// What is known of a solution's error, in the channel in which it is worst, relative to the root mean square of the
 /// reflected radiosity. Materials count as the patches' means, and patches that are partly covered are left out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Certificate {
@@ -51,9 +51,10 @@ impl Certificate {
         let whole = |patch: PatchId| uncovered[patch.index()] >= 1.0;
         let patches = || (0..mesh.len() as u32).map(PatchId).filter(|patch| whole(*patch));
         let points = RandomPoints::of(mesh, patches(), seed);
-        let (area, reflectance) = patches().fold((0.0, Rgb64::ZERO), |(area, most), patch| {
-            (area + mesh.area(patch), most.max(mesh.reflectance(patch).as_dvec3()))
-        });
+        let area: f64 = patches().map(|patch| mesh.area(patch)).sum();
+        let reflectance = (0..mesh.len() as u32)
+            .map(|patch| mesh.reflectance(PatchId(patch)).as_dvec3())
+            .fold(Rgb64::ZERO, Rgb64::max);
         let reflected = patches()
             .map(|patch| {
                 let light = mesh.reflectance(patch) * irradiance[patch.index()];
@@ -128,7 +129,10 @@ mod tests {
 
     fn scene(name: &str) -> Scene {
         let file = format!("{}/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-        Document::open(file).and_then(|document| document.scene()).expect("a shipped scene")
+        let mut document = Document::open(file).expect("a shipped scene");
+        // The outside of a closed room is dark.
+        document.one_sided = true;
+        document.scene().expect("a shipped scene")
     }
 
     /// The true ‖B_h − B‖ in the worst channel, relative to ‖ρH_h‖, by paths that owe nothing to the solution.
@@ -151,6 +155,20 @@ mod tests {
             / squares.len() as f64
             / (reflected.sum::<Rgb64>() / area);
         share.max_element().max(0.0).sqrt()
+    }
+
+    #[test]
+    fn of_light_that_is_too_bright_by_a_tenth_the_residual_and_the_bound_are_closed_forms() {
+        let scene = scene("furnace");
+        let tracer = Tracer::build(&scene);
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Levels(2)).expect("patches");
+        // E = π and ρ = 1/2 everywhere: H = 2π. With H_h = 1.1 H, KB_h − H_h = H (1.05 − 1.1).
+        let held = vec![Rgb::splat(1.1 * 2.0 * std::f32::consts::PI); mesh.len()];
+        let whole = vec![1.0; mesh.len()];
+        let (certificate, _) = Certificate::of(&tracer, &mesh, &held, &whole, 5);
+        let Certificate { residual, bound } = certificate.expect("there is light");
+        assert!((residual - 0.05 / 1.1).abs() < 1e-4, "{residual}");
+        assert!((bound.expect("ρ is below 1") - 0.1 / 1.1).abs() < 2e-4, "{bound:?}");
     }
 
     #[test]

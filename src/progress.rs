@@ -36,7 +36,7 @@ pub trait Progress: Sync {
     }
 
     /// Whether to end with what there is: a picture that becomes better round by round ends with those that it has,
-    /// once it has one.
+    /// once it has one. Once true it stays true.
     fn is_enough(&self) -> bool {
         false
     }

@@ -89,13 +89,13 @@ impl Solution {
     /// Direct light at every sample, and indirect light gathered from the patches.
     pub fn gathered(&self) -> View {
         let mesh = self.patches();
-        let light = Gathered::new(&mesh, self.irradiance(), self.uncovered(), self.choices.seed);
+        let light = Gathered::new(&mesh, self.irradiance(), self.uncovered());
         View { mesh, look: Look::Gathered(light) }
     }
 
-    /// The scene's light without its solution, by paths: unbiased and noisy.
-    pub fn path_traced(&self) -> View {
-        self.seen_by(PathTraced::new(&self.patches(), self.choices.seed))
+    /// The scene's light without its solution, by paths with numbers of this seed: unbiased and noisy.
+    pub fn path_traced(&self, seed: u64) -> View {
+        self.seen_by(PathTraced::new(&self.patches(), seed))
     }
 
     /// The light as a field of the caller's shows it.

@@ -1,6 +1,6 @@
 //! What a long solve has done so far, kept beside its output so that it can be gone on with.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::two_level::Part;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -19,6 +19,23 @@ impl Partial {
         let mut path = output.as_os_str().to_owned();
         path.push(".partial");
         Partial { path: path.into(), kept: Instant::now() }
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Refuses to replace what another run left, or somebody else's file.
+    ///
+    /// # Errors
+    /// With the remedy.
+    pub(super) fn check_absent(&self) -> Result<()> {
+        if self.path.exists() {
+            return Err(Error::new("this file is where the run would keep what is done")
+                .in_file(&self.path)
+                .remedy("go on with it by --resume if a run that was cut off left it, else move or delete it"));
+        }
+        Ok(())
     }
 
     /// `None` if nothing was kept.

@@ -99,7 +99,9 @@ impl Run<'_> {
     /// `seed` counts unless another is given.
     fn frame(&self, image: &ImageDefaults, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
-        frame(*size, *spp, run.seed.unwrap_or(seed), image, self.pictures.len())
+        let is_gathered = self.arguments.shading.contains(&ShadingName::Gather);
+        let bytes = 36 * self.pictures.len() as u64 + if is_gathered { GATHERED } else { 0 };
+        frame(*size, *spp, run.seed.unwrap_or(seed), image, bytes)
             .map(|frame| Frame {
                 background: *background,
                 error: self.arguments.error,
@@ -127,12 +129,14 @@ impl Run<'_> {
         let (arguments, pictures) = (self.arguments, &self.pictures);
         let rendering = Instant::now();
         let bars = Bars::new();
-        if arguments.shading.contains(&ShadingName::Gather) {
+        // Other pictures do not end before they are done.
+        if arguments.shading.iter().all(|&shading| shading == ShadingName::Gather) {
             bars.watch_for_interrupts();
         }
         let camera = self.camera.as_ref();
         let images = draw(arguments, tracer, camera, frame, pictures, solution, &bars)
             .map_err(|error| error.in_file_if_none(&arguments.scene))?;
+        let was_interrupted = bars.was_interrupted();
         let views = pictures.chunk_by(|a, b| a.view == b.view).count();
         let exposures = exposures(arguments, solution, &images, views);
         let mut outputs = encode(pictures, &images, &exposures)?;
@@ -162,7 +166,7 @@ impl Run<'_> {
         }
         write_all(outputs)?;
         warn(report.warning().as_slice());
-        if bars.was_interrupted() {
+        if was_interrupted {
             let text = "interrupted: the picture has the samples that there was time for";
             warn(&[Warning::new(text)]);
         } else {
@@ -255,21 +259,23 @@ fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf
     path.with_file_name(file)
 }
 
-/// The frame, if this many images of it fit into memory. The scene fills in what is not given.
+/// Bytes per pixel that gathering takes, with the two spots that some pixels have.
+const GATHERED: u64 = 700;
+
+/// The frame, if so many bytes per pixel fit into memory. The scene fills in what is not given.
 pub(super) fn frame(
     size: Option<[u32; 2]>,
     samples: Option<u32>,
     seed: u64,
     image: &ImageDefaults,
-    images: usize,
+    bytes_per_pixel: u64,
 ) -> Result<Frame> {
     let [width, height] = size.or(image.size).unwrap_or(Frame::SIZE);
     if width == 0 || height == 0 || width > MAX_SIZE || height > MAX_SIZE {
         return Err(Error::new(format!("a picture of {width}x{height} pixels"))
             .remedy("give a width and a height from 1 to 65536"));
     }
-    // Radiance while drawing, then again per image, then encoded.
-    let bytes = width as u64 * height as u64 * images as u64 * 36;
+    let bytes = width as u64 * height as u64 * bytes_per_pixel;
     memory::check(
         &format!("a picture of {width}x{height} pixels"),
         bytes,
@@ -304,7 +310,7 @@ fn draw(
         ShadingName::Flat => solution.flat(),
         ShadingName::Smooth => solution.smooth(arguments.crease),
         ShadingName::Gather => solution.gathered(),
-        ShadingName::Path => solution.path_traced(),
+        ShadingName::Path => solution.path_traced(frame.seed),
     });
     let looks = looks.collect::<Vec<_>>();
     let mut images = Vec::new();

@@ -82,6 +82,10 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
         return finish(arguments, &solution, Seconds::new(load, build, &spent), spent.rays, start);
     }
     let mut partial = Partial::of(&arguments.output);
+    check_distinct(&[partial.path()], &files)?;
+    if !arguments.resume {
+        partial.check_absent()?;
+    }
     let begun = if arguments.resume { partial.load()? } else { None };
     let share = arguments.part.unwrap_or(Share::WHOLE);
     let keep = &mut |part: &Part| partial.keep(part);

@@ -18,8 +18,8 @@ const SETS: u32 = 8;
 /// Patches whose paths are traced together.
 const BATCH: usize = 16;
 
-/// Patches between two chances to keep what is done: in whole blocks, as every part is.
-const STRETCH: usize = 64 * Part::BLOCK;
+/// Paths, about, between two chances to keep what is done: a few seconds' work.
+const STRETCH: usize = 1 << 22;
 
 /// The light of patches by paths that end at elements.
 pub(crate) struct LocalPass<'a> {
@@ -76,7 +76,10 @@ impl<'a> LocalPass<'a> {
         part.reserve();
         loop {
             let first = patches.start + part.light.irradiance.len();
-            let count = STRETCH.min(patches.end - first);
+            let paths = (self.of_patch.sets * self.of_patch.paths) as usize;
+            // In whole blocks, as every part is.
+            let stretch = (STRETCH / paths / Part::BLOCK).clamp(1, 64) * Part::BLOCK;
+            let count = stretch.min(patches.end - first);
             if count == 0 {
                 break;
             }

@@ -52,7 +52,7 @@ pub(super) fn run(
     let mesh = patches(scene, description, native, seed)?;
     let samples = description.image.samples.unwrap_or(MOST_SAMPLES).min(MOST_SAMPLES);
     // Two pictures at a time, and one for the differences.
-    let frame = render::frame(None, Some(samples), seed, &description.image, 3)
+    let frame = render::frame(None, Some(samples), seed, &description.image, 3 * 36)
         .map_err(|error| error.in_file_if_none(&description.file))?;
     let settings = Choices::new(&Settings { seed, ..Settings::default() }, scene)?;
     let pipeline = Pipeline { mesh: &mesh, settings, camera, frame, crease: View::CREASE };

@@ -9,12 +9,13 @@ use crate::render::DARK;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// The errors of a picture's pixels.
+/// The errors of a picture's pixels. Where they are relative, it is to a pixel's luminance and [`DARK`] of the
+/// picture's mean.
 pub(super) struct Errors {
     width: usize,
+    /// In units of the picture's mean luminance, so that dim pictures do not leave the range of f32.
     pixels: Vec<Pixel>,
-    /// What is added to a pixel's luminance where an error is relative: [`DARK`] of the picture's mean.
-    dark: f32,
+    unit: f32,
     /// How fast the variance of soft light falls: averaging over neighbours makes that alike everywhere.
     soft_gain: f32,
 }
@@ -46,18 +47,21 @@ const MOST_SOFT_GAIN: f32 = 2.828_427;
 impl Errors {
     /// `pixels`: row by row.
     pub(super) fn new(width: usize, pixels: Vec<Pixel>) -> Errors {
-        let mean = pixels.iter().map(|pixel| pixel.mean as f64).sum::<f64>() / pixels.len() as f64;
-        let dark = (DARK * mean as f32).max(f32::MIN_POSITIVE);
+        let sum: f64 = pixels.iter().map(|pixel| pixel.mean as f64).sum();
+        let mean = (sum / pixels.len() as f64) as f32;
+        // A black picture has no errors.
+        let unit = if mean > 0.0 { mean } else { 1.0 };
+        let pixels: Vec<Pixel> = pixels.into_iter().map(|pixel| pixel.in_units_of(unit)).collect();
         let mut soft = Spread::default();
-        pixels.iter().for_each(|pixel| soft.add(&pixel.soft.scaled(pixel.relative(dark))));
-        Errors { width, pixels, dark, soft_gain: soft.gain(MOST_SOFT_GAIN) }
+        pixels.iter().for_each(|pixel| soft.add(&pixel.soft.scaled(pixel.relative())));
+        Errors { width, pixels, unit, soft_gain: soft.gain(MOST_SOFT_GAIN) }
     }
 
     /// The standard error of each pixel's luminance.
     pub(super) fn absolute(&self) -> Vec<f32> {
         // Pixels differ less in their relative errors.
         let spread = |pixel: &Pixel| {
-            let scale = pixel.relative(self.dark);
+            let scale = pixel.relative();
             Spreads { sharp: pixel.sharp.scaled(scale), soft: pixel.soft.scaled(scale), count: 1.0 }
         };
         let near: Vec<Spreads> = self.around(AROUND, spread);
@@ -65,7 +69,7 @@ impl Errors {
         let error = |((near, far), pixel): ((Spreads, Spreads), &Pixel)| {
             let variance =
                 near.sharp.variance(far.sharp.gain(MOST_GAIN)) + near.soft.variance(self.soft_gain);
-            (variance / near.count / pixel.relative(self.dark)).sqrt()
+            (variance / near.count / pixel.relative()).sqrt() * self.unit
         };
         near.into_iter().zip(far).zip(&self.pixels).map(error).collect()
     }
@@ -78,7 +82,7 @@ impl Errors {
         let with_own: Vec<Mean> = self.around(1, mean);
         let forecast = |(sum, pixel): (Mean, &Pixel)| {
             let around = if sum.count > 1.0 { sum.without(&mean(pixel)) } else { sum };
-            around.error(factor) / (around.mean / around.count + self.dark)
+            around.error(factor) / (around.mean / around.count + DARK)
         };
         with_own.into_iter().zip(&self.pixels).map(forecast).collect()
     }
@@ -87,7 +91,7 @@ impl Errors {
     fn calibration(&self) -> f32 {
         let (mut total, mut forecast) = (Spread::default(), 0.0);
         for pixel in &self.pixels {
-            let relative = pixel.relative(self.dark);
+            let relative = pixel.relative();
             total.add(&pixel.sharp.scaled(relative));
             forecast += relative * pixel.variance * law(pixel.samples);
         }
@@ -221,7 +225,18 @@ impl Pixel {
     }
 
     /// The factor from a variance to that relative to the luminance.
-    fn relative(&self, dark: f32) -> f32 {
-        (self.mean + dark).powi(-2)
+    fn relative(&self) -> f32 {
+        (self.mean + DARK).powi(-2)
+    }
+
+    fn in_units_of(self, unit: f32) -> Pixel {
+        let squared = |spread: Spread| spread.scaled(1.0 / unit).scaled(1.0 / unit);
+        Pixel {
+            mean: self.mean / unit,
+            samples: self.samples,
+            variance: self.variance / unit / unit,
+            sharp: squared(self.sharp),
+            soft: squared(self.soft),
+        }
     }
 }

@@ -31,20 +31,14 @@ pub(crate) struct Gathered {
     mesh: Arc<PatchMesh>,
     lights: Lights,
     solved: Solved,
-    seed: u64,
 }
 
 impl Gathered {
     /// `irradiance` in W·m⁻², and the uncovered share of its area, per patch.
-    pub(crate) fn new(
-        mesh: &Arc<PatchMesh>,
-        irradiance: &[Rgb],
-        uncovered: &[f32],
-        seed: u64,
-    ) -> Self {
+    pub(crate) fn new(mesh: &Arc<PatchMesh>, irradiance: &[Rgb], uncovered: &[f32]) -> Self {
         let lights = Lights::of(mesh);
         let solved = Solved::of(mesh, &lights, irradiance, uncovered);
-        Gathered { solved, mesh: mesh.clone(), lights, seed }
+        Gathered { solved, mesh: mesh.clone(), lights }
     }
 
     /// The picture that a camera sees.
@@ -63,7 +57,7 @@ impl Gathered {
             mesh,
             lights: &self.lights,
             known,
-            seed: self.seed,
+            seed: frame.seed,
             rays: AtomicU64::new(0),
         };
         match rounds::sample(&eye, &paths, progress) {

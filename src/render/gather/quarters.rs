@@ -14,7 +14,7 @@
 
 pub(super) const QUARTERS: usize = 4;
 
-/// The quarter of sample `number` where there are `samples` in general; more go round again.
+/// The quarter of sample `number` where there are `samples` in general, at least one in each; more go round again.
 pub(super) fn quarter(number: u32, samples: u32) -> usize {
     (number as u64 * QUARTERS as u64 / samples as u64) as usize % QUARTERS
 }

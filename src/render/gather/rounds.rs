@@ -2,6 +2,7 @@
 
 use super::filter::Light;
 use super::picture::{MOST_SAMPLES, Picture};
+use super::quarters::QUARTERS;
 use crate::paths::Paths;
 use crate::progress::{Progress, Stage};
 use crate::render::Frame;
@@ -36,7 +37,8 @@ pub(super) fn sample(
     let mut counts = vec![0; (frame.width as usize) * (frame.height as usize)];
     let mut goal = frame.error.unwrap_or(QUICK);
     // Before time is up there is a picture at all.
-    let first = if frame.deadline.is_some() { frame.samples } else { least(frame, goal) };
+    let fewest = frame.samples.max(QUARTERS as u32);
+    let first = if frame.deadline.is_some() { fewest } else { least(frame, goal) };
     let mut wanted = vec![first; counts.len()];
     let mut averaging = Duration::ZERO;
     for round in 1.. {
@@ -89,11 +91,11 @@ const BETTER: f32 = 0.6;
 /// Until time is up, soft light is averaged in rounds whose samples took longer than that by this factor.
 const SELDOM: u32 = 3;
 
-/// The samples of every pixel. What averaging over neighbours smooths away shows in no estimate of an error, and
+/// The samples of every pixel: without one in each quarter nothing is known of the error. What averaging over neighbours smooths away shows in no estimate of an error, and
 /// becomes less with the rays alone.
 fn least(frame: &Frame, goal: f32) -> u32 {
     let more = (AVERAGED / goal).max(1.0).powi(2);
-    ((frame.samples as f32 * more) as u32).min(MOST_SAMPLES).max(frame.samples)
+    ((frame.samples as f32 * more) as u32).min(MOST_SAMPLES).max(frame.samples).max(QUARTERS as u32)
 }
 
 /// The relative error down to which averaging over neighbours does no visible harm.

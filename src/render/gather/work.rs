@@ -1,6 +1,6 @@
 //! Taking samples, and estimating the light at them.
 
-use super::quarters::quarter;
+use super::quarters::{QUARTERS, quarter};
 use super::row::Row;
 use super::spot::{self, Spot};
 use crate::color::Rgb;
@@ -67,7 +67,8 @@ impl<'m> Work<'m> {
 
     /// Adds the samples of a tile, pixel by pixel, to what was known before.
     fn keep(&self, eye: &Eye, before: &Row, row: &mut Row) {
-        let quarter = |number, ray| quarter(number * RAYS + ray, eye.frame.samples * RAYS);
+        let rays = eye.frame.samples.max(QUARTERS as u32) * RAYS;
+        let quarter = |number, ray| quarter(number * RAYS + ray, rays);
         let mut hits = self.samples.hits.iter();
         let mut next = 0;
         for (wanted, tally) in self.wanted.iter().zip(&self.samples.tallies) {
