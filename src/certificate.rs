@@ -39,8 +39,8 @@ const PATHS: u32 = 8;
 const ONE_SIDED: f64 = 1.645;
 
 impl Certificate {
-    /// Of the irradiance in W·m⁻² and the uncovered share of its area, per patch. Also the rays that it took. `None`
-    /// without reflected light. `seed` should not be that of the solution.
+    /// Certifies light by its irradiance in W·m⁻² and the uncovered share of the area, per patch. Returns also the
+    /// rays that it took. `None` without reflected light. `seed` should not be that of the solution.
     pub(crate) fn of(
         caster: &dyn RayCaster,
         mesh: &PatchMesh,

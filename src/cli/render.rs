@@ -262,7 +262,7 @@ fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf
 /// Bytes per pixel that gathering takes, with the two spots that some pixels have.
 const GATHERED: u64 = 700;
 
-/// The frame, if so many bytes per pixel fit into memory. The scene fills in what is not given.
+/// The frame, if this many bytes per pixel fit into memory. The scene fills in what is not given.
 pub(super) fn frame(
     size: Option<[u32; 2]>,
     samples: Option<u32>,

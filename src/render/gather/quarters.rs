@@ -10,7 +10,7 @@
 //!
 //! If V falls as N^−a, the second is 2^a times the first: so both together give a and V(N), as Aitken extrapolates a
 //! geometric sequence (*Proc. Roy. Soc. Edinburgh* 46, 1926). Independent samples have a = 1. Eight independent sets
-//! would need no law, and cost the evenness of one: at equal work their mean has four to five times the variance.
+//! would need no law, and cost the evenness of one: at equal work relMSE was 3.6 to 5.5 times as large.
 
 pub(super) const QUARTERS: usize = 4;
 
