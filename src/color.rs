@@ -17,6 +17,11 @@ pub fn luminance(color: Rgb) -> f32 {
     color.dot(Rgb::new(0.2126, 0.7152, 0.0722))
 }
 
+/// As [`luminance`].
+pub(crate) fn luminance64(color: Rgb64) -> f64 {
+    color.dot(Rgb64::new(0.2126, 0.7152, 0.0722))
+}
+
 /// The sRGB transfer function (IEC 61966-2-1): linear [0, 1] to encoded [0, 1]. Clamps; NaN is 0.
 pub fn srgb_encode(linear: f32) -> f32 {
     let x = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };

@@ -11,19 +11,28 @@
 //!
 //! the same equation with the lit patches as its emitters.
 
-use crate::color::Rgb64;
+use crate::color::{Rgb64, luminance64};
 use crate::form_factor::Estimator;
 use crate::geometry::Ray;
 use crate::light::{Facet, Light};
 use crate::patches::{Members, PatchId};
 use crate::progress::Stage;
-use crate::sampling::{PointSet, Purpose, Stream};
+use crate::sampling::{EIGHTHS, PointSet, Purpose, Stream, block, numbers};
 use rayon::prelude::*;
 
 impl Estimator<'_> {
     /// The irradiance that comes straight from a light, D_i in W·m⁻², of every patch, from `samples` points
     /// each. Lights with different purposes use different random numbers.
     pub fn direct_light(&self, light: &dyn Light, purpose: Purpose) -> Vec<Rgb64> {
+        self.direct_by_eighths(light, purpose).0
+    }
+
+    /// As [`direct_light`](Self::direct_light), also its luminance by eighths of the samples.
+    pub(crate) fn direct_by_eighths(
+        &self,
+        light: &dyn Light,
+        purpose: Purpose,
+    ) -> (Vec<Rgb64>, Vec<[f32; EIGHTHS]>) {
         self.progress.begin(Stage::DirectLight, Some(self.mesh.len() as u64));
         let light = (0..self.mesh.len())
             .into_par_iter()
@@ -34,19 +43,19 @@ impl Estimator<'_> {
                 // What is left undone is never read: the solution ends with an error.
                 let stopped = self.progress.is_stopped();
                 if stopped {
-                    Rgb64::ZERO
+                    (Rgb64::ZERO, [0.0; EIGHTHS])
                 } else {
                     work.direct(self, light, purpose, PatchId(i as u32))
                 }
             })
-            .collect();
+            .unzip();
         self.progress.end();
         light
     }
 
     /// D_i of one patch, as [`direct_light`](Self::direct_light) would give it.
     pub fn direct_light_of(&self, light: &dyn Light, purpose: Purpose, i: PatchId) -> Rgb64 {
-        DirectWork::default().direct(self, light, purpose, i)
+        DirectWork::default().direct(self, light, purpose, i).0
     }
 }
 
@@ -54,13 +63,20 @@ impl Estimator<'_> {
 #[derive(Default)]
 struct DirectWork {
     segments: Vec<Ray>,
-    /// The light that each segment brings if clear.
-    light: Vec<Rgb64>,
+    /// The light that each segment brings if clear, and the sample's number.
+    light: Vec<(Rgb64, u32)>,
     blocked: Vec<bool>,
 }
 
 impl DirectWork {
-    fn direct(&mut self, of: &Estimator, light: &dyn Light, purpose: Purpose, i: PatchId) -> Rgb64 {
+    /// D_i, and its luminance by eighths of the samples.
+    fn direct(
+        &mut self,
+        of: &Estimator,
+        light: &dyn Light,
+        purpose: Purpose,
+        i: PatchId,
+    ) -> (Rgb64, [f32; EIGHTHS]) {
         let members = Members::of(of.mesh, i);
         let only = (!of.mesh.is_cluster(i)).then(|| Facet::patch(of.mesh, i));
         let stream = Stream::new(of.seed, purpose, i.0 as u64, PointSet::Sobol);
@@ -79,12 +95,18 @@ impl DirectWork {
             };
             if let Some(sample) = light.sample(patch, [x0, x1, y0, y1]) {
                 self.segments.push(sample.segment);
-                self.light.push(sample.irradiance);
+                self.light.push((sample.irradiance, k));
             }
         }
         of.caster.occluded_batch(&self.segments, &mut self.blocked);
         of.count_rays(self.segments.len());
-        let clear = self.light.iter().zip(&self.blocked).filter(|(_, blocked)| !**blocked);
-        clear.map(|(light, _)| *light).sum::<Rgb64>() / of.samples as f64
+        let (mut sum, mut eighths) = (Rgb64::ZERO, [0.0; EIGHTHS]);
+        for ((light, number), _) in self.light.iter().zip(&self.blocked).filter(|(_, b)| !**b) {
+            sum += *light;
+            eighths[block(*number, of.samples, EIGHTHS)] += luminance64(*light);
+        }
+        let samples = |k: usize| numbers(k, of.samples as usize, EIGHTHS).len() as f64;
+        let mean = |k: usize| (eighths[k] / samples(k).max(1.0)) as f32;
+        (sum / of.samples as f64, std::array::from_fn(mean))
     }
 }

@@ -119,6 +119,7 @@ mod lit_sides;
 mod memory;
 #[cfg(feature = "embree")]
 pub mod oracle;
+mod patch_errors;
 pub mod patches;
 mod paths;
 pub mod plan;

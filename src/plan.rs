@@ -118,7 +118,7 @@ impl<'d> Plan<'d> {
             solve: light.solve_time,
             coverage: start.elapsed(),
         };
-        let light = PatchLight { irradiance, error: Vec::new(), uncovered };
+        let light = PatchLight { irradiance, error: light.error, uncovered };
         let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
         Ok((solution, spent))
     }

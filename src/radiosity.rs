@@ -1,6 +1,6 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
-use crate::color::{Rgb, Rgb64};
+use crate::color::{Rgb, Rgb64, luminance64};
 use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{
     Estimator, ExchangeMatrix, HemisphereRows, OnDemand, Row, Rows, Transport, row_sum_defect,
@@ -8,9 +8,10 @@ use crate::form_factor::{
 use crate::geometry::RayCaster;
 use crate::light::{EmittingTriangles, Light, UniformSky};
 use crate::memory;
+use crate::patch_errors::standard_errors;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
-use crate::sampling::{PointSet, Purpose};
+use crate::sampling::{EIGHTHS, PointSet, Purpose};
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::{
@@ -131,6 +132,9 @@ pub struct Radiosity {
     pub radiosity: Vec<Rgb64>,
     /// H in W·m⁻², per patch.
     pub irradiance: Vec<Rgb64>,
+    /// The standard error of the luminance of H, in W·m⁻²; empty where it is not known: by shooting, between pairs, with
+    /// regular points or fewer than eight samples.
+    pub error: Vec<f32>,
     /// See [`Converged::residuals`].
     pub residuals: Vec<f64>,
     /// Sweeps, or shots.
@@ -150,7 +154,7 @@ pub struct Radiosity {
 
 /// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
 /// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies.
-const BYTES_PER_PATCH: u64 = 320;
+const BYTES_PER_PATCH: u64 = 380;
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///
@@ -175,7 +179,7 @@ pub fn solve(
     let start = Instant::now();
     let exitance: Vec<Rgb64> =
         (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
-    let direct = direct_light(caster, mesh, settings, progress)?;
+    let mut direct = direct_light(caster, mesh, settings, progress)?;
 
     let estimator =
         Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, progress);
@@ -192,13 +196,26 @@ pub fn solve(
         Solver::Southwell => None,
         Solver::TwoLevel => return Err(Error::new("two levels for one set of patches")),
     };
-    let (transport_time, solution, reciprocity_defect) = match method {
+    let (transport_time, solution, reciprocity_defect, error) = match method {
         Some(method) => {
             let matrix = matrix(&estimator, settings);
             go_on(progress)?;
             let transport_time = start.elapsed();
             let solution = problem.solve(&*matrix, method, settings.stop, progress)?;
-            (transport_time, solution, matrix.reciprocity_defect())
+            let error = match (direct.eighths.take(), matrix.eighths()) {
+                (Some(direct), Some(by_rows)) => {
+                    let radiosity = &solution.radiosity;
+                    let mut errors =
+                        standard_errors(direct, by_rows, radiosity, &problem.reflectance);
+                    let left = problem.left(&solution);
+                    for (error, irradiance) in errors.iter_mut().zip(&solution.irradiance) {
+                        *error = error.hypot((left * luminance64(*irradiance)) as f32);
+                    }
+                    errors
+                }
+                _ => Vec::new(),
+            };
+            (transport_time, solution, matrix.reciprocity_defect(), error)
         }
         None => {
             let before = start.elapsed();
@@ -207,7 +224,7 @@ pub fn solve(
             let transport_time = before + clock.elapsed();
             // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
             let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
-            (transport_time, solution, reciprocity)
+            (transport_time, solution, reciprocity, Vec::new())
         }
     };
     let light = balance(mesh, &exitance, &direct, solution, reciprocity_defect, |i| {
@@ -215,6 +232,7 @@ pub fn solve(
     });
     // Only now: the balance may have traced rows that shooting never needed.
     let rays = estimator.rays() + direct.rays;
+    let light = Radiosity { error, ..light };
     Ok(light.timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
@@ -228,6 +246,8 @@ struct DirectLight {
     /// From the surfaces that emit; `None` where the form factors carry their light.
     from_emitters: Option<Vec<Rgb64>>,
     from_sky: Option<Vec<Rgb64>>,
+    /// The luminance of the sum by eighths of the samples; `None` where a light has too few.
+    eighths: Option<Vec<[f32; EIGHTHS]>>,
     rays: u64,
 }
 
@@ -251,11 +271,14 @@ fn direct_light(
     settings: &Choices,
     progress: &dyn Progress,
 ) -> Result<DirectLight> {
-    let mut direct = DirectLight::default();
+    let eighths = Some(vec![[0.0; EIGHTHS]; mesh.len()]);
+    let mut direct = DirectLight { eighths, ..DirectLight::default() };
     let seed = settings.seed;
     let mut sample = |light: &dyn Light, samples, purpose| -> Result<Vec<Rgb64>> {
         let estimator = Estimator::new(caster, mesh, samples, PointSet::Sobol, seed, progress);
-        let light = estimator.direct_light(light, purpose);
+        let (light, eighths) = estimator.direct_by_eighths(light, purpose);
+        let are_known = samples >= EIGHTHS as u32;
+        direct.eighths = added(direct.eighths.take(), are_known.then_some(eighths));
         direct.rays += estimator.rays();
         go_on(progress).map(|()| light)
     };
@@ -269,6 +292,18 @@ fn direct_light(
         sky => Some(sample(&UniformSky::new(sky), SKY_SAMPLES, Purpose::Sky)?),
     };
     Ok(DirectLight { from_emitters, from_sky, ..direct })
+}
+
+/// Both sums; `None` where one is not known.
+fn added(
+    one: Option<Vec<[f32; EIGHTHS]>>,
+    other: Option<Vec<[f32; EIGHTHS]>>,
+) -> Option<Vec<[f32; EIGHTHS]>> {
+    let (mut sum, other) = (one?, other?);
+    for (sum, other) in sum.as_flattened_mut().iter_mut().zip(other.as_flattened()) {
+        *sum += other;
+    }
+    Some(sum)
 }
 
 /// Directions to the sky that are tried from each patch.
@@ -406,6 +441,7 @@ fn balance(
     Radiosity {
         radiosity,
         irradiance,
+        error: Vec::new(),
         residuals,
         iterations,
         mean_row_sum_defect,

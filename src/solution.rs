@@ -5,11 +5,11 @@
 //! on every machine.
 
 use crate::certificate::Certificate;
-use crate::color::Rgb;
+use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
 use crate::export::sealed::Seal;
-use crate::patches::{PatchMesh, Sides, Split};
+use crate::patches::{PatchId, PatchMesh, Sides, Split};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::camera::is_view_name;
@@ -158,6 +158,19 @@ impl Solution {
     /// The standard error of the luminance of H, in W·m⁻², per patch, where it is known.
     pub fn error(&self) -> Option<&[f32]> {
         Some(&*self.light.error).filter(|errors| errors.len() == self.light.irradiance.len())
+    }
+
+    /// The root mean square of the patches' standard errors over their area, relative to that of their irradiance;
+    /// `None` where they are not known, or all is dark.
+    pub fn relative_error(&self) -> Option<f32> {
+        let (errors, mesh) = (self.error()?, self.patches());
+        let (mut error, mut light) = (0.0, 0.0);
+        for (i, (irradiance, of_patch)) in self.irradiance().iter().zip(errors).enumerate() {
+            let area = mesh.area(PatchId(i as u32));
+            error += area * f64::from(*of_patch).powi(2);
+            light += area * f64::from(luminance(*irradiance)).powi(2);
+        }
+        (light > 0.0).then(|| (error / light).sqrt() as f32)
     }
 
     /// The share of each patch's area, in [0, 1], that no other surface covers.

@@ -37,6 +37,9 @@ pub(super) struct Report {
     pub energy: EnergyBalance,
     /// How far the light is from the truth, at most; `null` where that is not known.
     pub certificate: Option<Certificate>,
+    /// The root mean square of the patches' standard errors, relative to that of their irradiance; `null` where they
+    /// are not known.
+    pub patch_error: Option<f32>,
     /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means.
     pub imbalance: f64,
     /// The root mean square of the relative standard errors of the pixels, the largest of all gathered pictures; `null`
@@ -126,6 +129,7 @@ impl Report {
             reciprocity_defect: solution.figures.reciprocity_defect,
             energy: (*energy).into(),
             certificate: solution.figures.certificate,
+            patch_error: solution.relative_error(),
             imbalance: energy.imbalance(),
             picture_error: None,
             exposure: None,
@@ -202,6 +206,13 @@ impl Report {
             line(
                 "certificate",
                 format!("{bound} (root mean square, 95 %; residual {:.2} %)", 100.0 * residual),
+            );
+        }
+        if let Some(error) = self.patch_error {
+            let error = 100.0 * error;
+            line(
+                "patch error",
+                format!("{error:.2} % (root mean square of the patches' standard errors)"),
             );
         }
         if let Some(error) = self.picture_error {

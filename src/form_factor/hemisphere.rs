@@ -4,14 +4,15 @@
 //! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes per ray, and it
 //! sums to 1 wherever every ray hits a front.
 
-use super::transport::{Row, Rows, Transport, gather_rows};
+use super::transport::{Eighths, Row, Rows, Transport, gather_rows};
 use super::{Estimator, Hemisphere, OnDemand};
 use crate::color::Rgb64;
 use crate::geometry::{Hit, Ray};
 use crate::patches::{Members, PatchId};
 use crate::progress::Stage;
 use crate::sampling::{
-    PointSet, Purpose, Stream, cosine_hemisphere, regular_triangle, uniform_triangle,
+    EIGHTHS, PointSet, Purpose, Stream, cosine_hemisphere, numbers, regular_triangle,
+    uniform_triangle,
 };
 use rayon::prelude::*;
 
@@ -23,9 +24,11 @@ const ON_BACK: u32 = u32::MAX - 1;
 /// The hits of each patch's rays.
 pub struct HemisphereRows {
     rays_per_row: usize,
-    /// Row after row, each sorted, so that equal hits are together.
+    /// Row after row, eighth after eighth of its rays, each sorted, so that patches come first.
     hits: Vec<u32>,
     areas: Vec<f64>,
+    /// Whether the eighths of a row are random.
+    are_random: bool,
 }
 
 impl HemisphereRows {
@@ -34,17 +37,23 @@ impl HemisphereRows {
         (patches as u64).saturating_mul(rays as u64 * size_of::<u32>() as u64)
     }
 
-    /// The hits of row i's rays, sorted.
+    /// The hits of row i's rays, eighth after eighth.
     #[inline]
     fn hits_of(&self, i: usize) -> &[u32] {
         &self.hits[i * self.rays_per_row..(i + 1) * self.rays_per_row]
     }
 
-    /// The hits of row i's rays that are patches, sorted.
+    /// The hits of row i's rays that are patches, by eighths, each sorted.
     #[inline]
-    fn patches_hit(&self, i: usize) -> &[u32] {
-        let hits = self.hits_of(i);
-        &hits[..hits.partition_point(|&hit| hit < ON_BACK)]
+    fn patches_hit(&self, i: usize) -> impl Iterator<Item = &[u32]> {
+        eighths_of(self.hits_of(i)).map(|hits| &hits[..hits.partition_point(|&hit| hit < ON_BACK)])
+    }
+
+    /// Row i, sorted.
+    fn sorted(&self, i: usize) -> Vec<u32> {
+        let mut hits = self.hits_of(i).to_vec();
+        hits.sort_unstable();
+        hits
     }
 }
 
@@ -57,6 +66,10 @@ impl Transport for HemisphereRows {
         gather_rows(self, radiosity)
     }
 
+    fn eighths(&self) -> Option<&dyn Eighths> {
+        (self.are_random && self.rays_per_row >= EIGHTHS).then_some(self)
+    }
+
     fn rows(&self) -> Option<&dyn Rows> {
         Some(self)
     }
@@ -67,12 +80,14 @@ impl Transport for HemisphereRows {
         let n = self.rays_per_row as f64;
         let exchange = |i: usize, count: usize| self.areas[i] * count as f64 / n;
         let largest_of_row = |mut largest: f64, i: usize| {
-            for run in self.patches_hit(i).chunk_by(|a, b| a == b) {
+            let sorted = self.sorted(i);
+            for run in sorted.chunk_by(|a, b| a == b).filter(|run| run[0] < ON_BACK) {
                 let j = run[0] as usize;
                 let smaller = self.areas[i].min(self.areas[j]);
                 let ours = exchange(i, run.len());
                 if ours / smaller > largest {
-                    let theirs = exchange(j, count(self.patches_hit(j), i as u32));
+                    let mirrored = self.patches_hit(j).map(|hits| count(hits, i as u32));
+                    let theirs = exchange(j, mirrored.sum());
                     largest = largest.max((ours - theirs).abs() / smaller);
                 }
             }
@@ -83,23 +98,50 @@ impl Transport for HemisphereRows {
     }
 }
 
+impl Eighths for HemisphereRows {
+    fn apart(&self, radiosity: &[f32]) -> Vec<[f32; EIGHTHS]> {
+        let mean = |(k, hits): (usize, &[u32])| {
+            let sum: f32 = hits.iter().map(|&hit| radiosity[hit as usize]).sum();
+            sum / numbers(k, self.rays_per_row, EIGHTHS).len() as f32
+        };
+        let of_row = |i: usize| {
+            let mut means = self.patches_hit(i).enumerate().map(mean);
+            std::array::from_fn(|_| means.next().expect("one for each eighth"))
+        };
+        (0..self.len()).into_par_iter().map(of_row).collect()
+    }
+
+    fn together(&self, radiosity: &[[f32; EIGHTHS]]) -> Vec<[f32; EIGHTHS]> {
+        let of_row = |i: usize| {
+            let mut sum = [0.0; EIGHTHS];
+            for &hit in self.patches_hit(i).flatten() {
+                sum.iter_mut().zip(radiosity[hit as usize]).for_each(|(sum, b)| *sum += b);
+            }
+            sum.map(|sum| sum / self.rays_per_row as f32)
+        };
+        (0..self.len()).into_par_iter().map(of_row).collect()
+    }
+}
+
 impl Rows for HemisphereRows {
     fn row(&self, i: PatchId) -> Row {
-        row_of(self.hits_of(i.index()))
+        row_of(&self.sorted(i.index()))
     }
 
     fn for_each_in_row(&self, i: PatchId, entry: &mut dyn FnMut(usize, f64)) {
         let factor = 1.0 / self.rays_per_row as f64;
-        self.patches_hit(i.index()).iter().for_each(|&hit| entry(hit as usize, factor));
+        self.patches_hit(i.index()).flatten().for_each(|&hit| entry(hit as usize, factor));
     }
 
     fn gather_row(&self, i: PatchId, radiosity: &[Rgb64]) -> Rgb64 {
-        let hits = self.patches_hit(i.index()).iter();
+        let hits = self.patches_hit(i.index()).flatten();
         hits.map(|&hit| radiosity[hit as usize]).sum::<Rgb64>() / self.rays_per_row as f64
     }
 
     fn on_backs(&self, i: PatchId) -> Option<f64> {
-        Some(share_on_backs(self.hits_of(i.index())))
+        let hits = self.hits_of(i.index());
+        let on_backs: usize = eighths_of(hits).map(|hits| count(hits, ON_BACK)).sum();
+        Some(on_backs as f64 / hits.len() as f64)
     }
 }
 
@@ -108,12 +150,12 @@ fn row_of(hits: &[u32]) -> Row {
     let n = hits.len() as f64;
     let runs = hits.chunk_by(|a, b| a == b).filter(|run| run[0] < ON_BACK);
     let entries = runs.map(|run| (PatchId(run[0]), run.len() as f64 / n)).collect();
-    Row { entries, on_backs: Some(share_on_backs(hits)) }
+    Row { entries, on_backs: Some(count(hits, ON_BACK) as f64 / n) }
 }
 
-/// The share of a whole row's rays that ended on backs.
-fn share_on_backs(sorted: &[u32]) -> f64 {
-    count(sorted, ON_BACK) as f64 / sorted.len() as f64
+/// The eighths of a row.
+fn eighths_of(row: &[u32]) -> impl Iterator<Item = &[u32]> {
+    (0..EIGHTHS).map(|k| &row[numbers(k, row.len(), EIGHTHS)])
 }
 
 fn count(sorted: &[u32], value: u32) -> usize {
@@ -134,6 +176,7 @@ impl Estimator<'_> {
                     return;
                 }
                 work.trace(self, PatchId(i as u32), row);
+                (0..EIGHTHS).for_each(|k| row[numbers(k, rays_per_row, EIGHTHS)].sort_unstable());
                 if i % 64 == 0 {
                     self.progress.advance(64);
                 }
@@ -141,7 +184,7 @@ impl Estimator<'_> {
         );
         self.progress.end();
         let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
-        HemisphereRows { rays_per_row, hits, areas }
+        HemisphereRows { rays_per_row, hits, areas, are_random: self.points != PointSet::Regular }
     }
 }
 
@@ -161,7 +204,7 @@ impl HemisphereWork {
         HemisphereWork { centroids, rays: Vec::new(), hits: Vec::new(), row: Vec::new() }
     }
 
-    /// Fills the row with what patch i's rays hit, sorted.
+    /// Fills the row with what patch i's rays hit.
     fn trace(&mut self, of: &Estimator, i: PatchId, row: &mut [u32]) {
         let members = Members::of(of.mesh, i);
         let only =
@@ -185,13 +228,13 @@ impl HemisphereWork {
             let landed = |hit| of.mesh.patch_hit(ray, &hit).map_or(ON_BACK, |patch| patch.0);
             *entry = hit.map_or(ESCAPED, landed);
         }
-        row.sort_unstable();
     }
 
     fn row(&mut self, of: &Estimator, i: PatchId) -> Row {
         let mut row = std::mem::take(&mut self.row);
         row.resize(of.samples as usize, ESCAPED);
         self.trace(of, i, &mut row);
+        row.sort_unstable();
         self.row = row;
         row_of(&self.row)
     }

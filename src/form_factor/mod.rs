@@ -18,7 +18,7 @@ pub use exchange::ExchangeMatrix;
 pub use hemisphere::HemisphereRows;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
-pub use transport::{Row, Rows, Transport, row_sum_defect, row_sums};
+pub use transport::{Eighths, Row, Rows, Transport, row_sum_defect, row_sums};
 
 /// Inputs of every estimate: the ray caster, the patches, the number of samples and the seed.
 pub struct Estimator<'a> {

@@ -2,6 +2,7 @@
 
 use crate::color::Rgb64;
 use crate::patches::PatchId;
+use crate::sampling::EIGHTHS;
 use rayon::prelude::*;
 
 /// H = F B: all that Jacobi's method asks for. A new way to carry light implements this.
@@ -16,11 +17,25 @@ pub trait Transport: Send + Sync {
     /// H_i = Σ_j F_ij B_j in W·m⁻² for every patch, from B in W·m⁻².
     fn gather(&self, radiosity: &[Rgb64]) -> Vec<Rgb64>;
 
+    /// F by eighths of its samples; `None` where these are not random, or not known apart.
+    fn eighths(&self) -> Option<&dyn Eighths> {
+        None
+    }
+
     /// F row by row, for the methods that go patch by patch; `None` where only sums can be had.
     fn rows(&self) -> Option<&dyn Rows>;
 
     /// The largest |A_i F_ij − A_j F_ji| / min(A_i, A_j); `None` where it is not known.
     fn reciprocity_defect(&self) -> Option<f64>;
+}
+
+/// F by eighths of its samples, from which its error is known.
+pub trait Eighths {
+    /// What each patch receives by each eighth of its samples, given what each patch sends.
+    fn apart(&self, radiosity: &[f32]) -> Vec<[f32; EIGHTHS]>;
+
+    /// What each patch receives by all its samples, given what each patch sends in eight cases.
+    fn together(&self, radiosity: &[[f32; EIGHTHS]]) -> Vec<[f32; EIGHTHS]>;
 }
 
 /// F, a row at a time: stored, or estimated when it is asked for.

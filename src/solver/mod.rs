@@ -125,6 +125,16 @@ impl Problem {
         found
     }
 
+    /// The share of the light that the iterations have not found yet, about: residuals that fall by one factor leave
+    /// the sum of a geometric series.
+    pub(crate) fn left(&self, solution: &Converged) -> f64 {
+        let [.., before, last] = solution.residuals[..] else { return 0.0 };
+        let factor = (last / before).clamp(0.0, 1.0 - f64::EPSILON);
+        let found = self.power(solution.radiosity.iter().copied()).element_sum();
+        let source = self.power(self.source.iter().copied()).element_sum();
+        if found > 0.0 { last / (1.0 - factor) * source / found } else { 0.0 }
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.source.len()

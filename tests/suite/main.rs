@@ -10,6 +10,7 @@ mod fields;
 mod form_factor;
 mod formats;
 mod hostile;
+mod intervals;
 mod overlaps;
 mod radiosity;
 mod render;

@@ -1,11 +1,12 @@
 //! Standard errors of a picture's pixels.
 
 use super::filter::Light;
-use super::quarters::{QUARTERS, Spread};
 use super::row::Sharp;
 use super::spot::Spot;
 use crate::color::luminance;
 use crate::render::DARK;
+use crate::sampling::{LEVELS_OF_QUARTERS, MOST_GAIN, MOST_GAIN_OF_JUMPS, QUARTERS};
+type Spread = crate::sampling::Spread<LEVELS_OF_QUARTERS>;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -38,12 +39,6 @@ pub(super) struct Pixel {
 const AROUND: i32 = 2;
 const FAR_AROUND: i32 = 4;
 
-/// The fastest that the variance of digitally shifted nets falls, a = 2 (Dick & Pillichshammer, *Digital Nets and
-/// Sequences*, 2010, ch. 16), and that of integrands which jump, a = 1.5 (He & Wang, *On the Convergence Rate of
-/// Randomized Quasi–Monte Carlo for Discontinuous Functions*, SIAM J. Numer. Anal. 53(5), 2015), as soft light does.
-const MOST_GAIN: f32 = 4.0;
-const MOST_SOFT_GAIN: f32 = 2.828_427;
-
 impl Errors {
     /// `pixels`: row by row.
     pub(super) fn new(width: usize, pixels: Vec<Pixel>) -> Errors {
@@ -54,7 +49,7 @@ impl Errors {
         let pixels: Vec<Pixel> = pixels.into_iter().map(|pixel| pixel.in_units_of(unit)).collect();
         let mut soft = Spread::default();
         pixels.iter().for_each(|pixel| soft.add(&pixel.soft.scaled(pixel.relative())));
-        Errors { width, pixels, unit, soft_gain: soft.gain(MOST_SOFT_GAIN) }
+        Errors { width, pixels, unit, soft_gain: soft.gain(MOST_GAIN_OF_JUMPS) }
     }
 
     /// The standard error of each pixel's luminance.

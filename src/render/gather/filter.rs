@@ -8,9 +8,9 @@
 //! and Color Information*, CGF 32(7), 2013; Bitterli et al., *Nonlinearly Weighted First-order Regression*, CGF
 //! 35(4), 2016). With more rays the best window shrinks, and with it what the filter does wrong.
 
-use super::quarters::QUARTERS;
 use super::spot::{Spot, on_one_surface};
 use crate::color::{Rgb, luminance};
+use crate::sampling::QUARTERS;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::ops::Range;

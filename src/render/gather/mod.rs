@@ -9,7 +9,6 @@
 mod errors;
 mod filter;
 mod picture;
-mod quarters;
 mod rounds;
 mod row;
 mod spot;

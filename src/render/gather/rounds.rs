@@ -2,11 +2,11 @@
 
 use super::filter::Light;
 use super::picture::{MOST_SAMPLES, Picture};
-use super::quarters::QUARTERS;
 use crate::paths::Paths;
 use crate::progress::{Progress, Stage};
 use crate::render::Frame;
 use crate::render::samples::Eye;
+use crate::sampling::QUARTERS;
 use std::time::{Duration, Instant};
 
 /// The relative error of a pixel that a quick picture aims at.

@@ -1,9 +1,9 @@
 //! What is known of a row of pixels, as sums over their samples.
 
-use super::quarters::QUARTERS;
 use super::spot::Spot;
 use crate::color::{Rgb, luminance};
 use crate::patches::Look;
+use crate::sampling::QUARTERS;
 use std::f32::consts::PI;
 
 /// What is known of a pixel before its soft light is, as sums over its samples.

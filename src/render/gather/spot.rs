@@ -1,8 +1,8 @@
 //! Spots: what a pixel sees of one surface.
 
-use super::quarters::QUARTERS;
 use crate::color::{Rgb, luminance};
 use crate::patches::SurfacePoint;
+use crate::sampling::QUARTERS;
 use glam::Vec3;
 use std::ops::Range;
 

@@ -1,11 +1,11 @@
 //! Taking samples, and estimating the light at them.
 
-use super::quarters::{QUARTERS, quarter};
 use super::row::Row;
 use super::spot::{self, Spot};
 use crate::color::Rgb;
 use crate::paths::{Paths, Start};
 use crate::render::samples::{Eye, Samples, TILE, Wanted};
+use crate::sampling::{QUARTERS, block};
 use std::ops::Range;
 
 /// Rays that gather light, per sample.
@@ -68,7 +68,7 @@ impl<'m> Work<'m> {
     /// Adds the samples of a tile, pixel by pixel, to what was known before.
     fn keep(&self, eye: &Eye, before: &Row, row: &mut Row) {
         let rays = eye.frame.samples.max(QUARTERS as u32) * RAYS;
-        let quarter = |number, ray| quarter(number * RAYS + ray, rays);
+        let quarter = |number, ray| block(number * RAYS + ray, rays, QUARTERS);
         let mut hits = self.samples.hits.iter();
         let mut next = 0;
         for (wanted, tally) in self.wanted.iter().zip(&self.samples.tallies) {

@@ -1,0 +1,100 @@
+//! Standard errors of the patches' irradiance.
+//!
+//! A patch's samples fall into eighths, and these say how far it is off by its own samples (see [`Spread`]); but where
+//! few of them find light, eight numbers say it badly. Patches with neighbouring numbers are neighbours, or parts of one
+//! surface, and off by like shares: so their spreads are averaged. A patch also
+//! receives what other patches are off by: of an eighth d of all patches' own deviations comes δ = d + Fρδ, the
+//! equation of light once more. Where a small bright patch lights all others, as the ceiling above an uplight does,
+//! nearly all of their error is its own.
+
+use crate::color::{Rgb64, luminance64};
+use crate::form_factor::Eighths;
+use crate::sampling::{EIGHTHS, LEVELS_OF_EIGHTHS, MOST_GAIN, Spread};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Over how many patches before and after it a patch's spread is averaged; and over how many is found how fast the
+/// variance falls with the number of samples.
+const AROUND: usize = 4;
+const FAR_AROUND: usize = 8;
+
+/// Light below this share of the mean is as good as dark: errors relative to it would outweigh all others.
+const DARK: f32 = 0.01;
+
+/// How exactly deviations are followed, and over how many bounces at most.
+const SMALL: f64 = 0.01;
+const MOST_BOUNCES: usize = 64;
+
+/// The standard error of the luminance of each patch's irradiance, in W·m⁻². `direct`: the luminance of what arrives
+/// straight from lights by eighths of their samples; `radiosity`: of all that `rows` carry.
+pub(crate) fn standard_errors(
+    mut direct: Vec<[f32; EIGHTHS]>,
+    rows: &dyn Eighths,
+    radiosity: &[Rgb64],
+    reflectance: &[Rgb64],
+) -> Vec<f32> {
+    let luminances: Vec<f32> = radiosity.iter().map(|b| luminance64(*b) as f32).collect();
+    for (direct, reflected) in direct.iter_mut().zip(rows.apart(&luminances)) {
+        direct.iter_mut().zip(reflected).for_each(|(sum, reflected)| *sum += reflected);
+    }
+    let mean = |of: &[f32; EIGHTHS]| of.iter().sum::<f32>() / EIGHTHS as f32;
+    let light: Vec<f32> = direct.iter().map(mean).collect();
+    let own: Vec<[f32; EIGHTHS]> =
+        direct.iter().zip(&light).map(|(of, mean)| of.map(|light| light - mean)).collect();
+    let grey: Vec<f32> = reflectance.iter().map(|rho| luminance64(*rho) as f32).collect();
+    errors(&followed(own, rows, &grey), &light)
+}
+
+/// The patches' own deviations with all that come of them.
+fn followed(
+    own: Vec<[f32; EIGHTHS]>,
+    rows: &dyn Eighths,
+    reflectance: &[f32],
+) -> Vec<[f32; EIGHTHS]> {
+    let squares = |of: &[[f32; EIGHTHS]]| -> f64 {
+        of.as_flattened().iter().map(|x| f64::from(*x).powi(2)).sum()
+    };
+    let (mut sum, mut arrives) = (own.clone(), own);
+    for _ in 0..MOST_BOUNCES {
+        let leaves = arrives.iter().zip(reflectance).map(|(of, rho)| of.map(|x| rho * x));
+        arrives = rows.together(&leaves.collect::<Vec<_>>());
+        for (sum, arrives) in sum.as_flattened_mut().iter_mut().zip(arrives.as_flattened()) {
+            *sum += arrives;
+        }
+        if squares(&arrives) <= SMALL * SMALL * squares(&sum) {
+            break;
+        }
+    }
+    sum
+}
+
+fn errors(deviations: &[[f32; EIGHTHS]], light: &[f32]) -> Vec<f32> {
+    let total: f64 = light.iter().map(|light| f64::from(*light)).sum();
+    let dark = DARK * (total / light.len() as f64) as f32;
+    if dark <= 0.0 {
+        return vec![0.0; light.len()];
+    }
+    let around = |i: usize, by: usize| i.saturating_sub(by)..(i + by + 1).min(light.len());
+    let mean = |i: usize| {
+        let near = &light[around(i, AROUND)];
+        near.iter().sum::<f32>() / near.len() as f32
+    };
+    // Patches differ less in their relative errors. Relative to its own light a patch that few of its samples found lit
+    // would seem to be off by little.
+    let units: Vec<f32> = (0..light.len()).into_par_iter().map(|i| mean(i) + dark).collect();
+    let relative = |(of, unit): (&[f32; EIGHTHS], &f32)| Spread::of(of.map(|x| x / unit));
+    let spreads: Vec<Spread<LEVELS_OF_EIGHTHS>> =
+        deviations.par_iter().zip(&units).map(relative).collect();
+    let sum = |numbers: Range<usize>| {
+        let mut sum = Spread::default();
+        spreads[numbers].iter().for_each(|spread| sum.add(spread));
+        sum
+    };
+    let error = |(i, unit): (usize, &f32)| {
+        let gain = sum(around(i, FAR_AROUND)).gain(MOST_GAIN);
+        let near = around(i, AROUND);
+        let count = near.len() as f32;
+        (sum(near).variance(gain) / count).sqrt() * unit
+    };
+    units.par_iter().enumerate().map(error).collect()
+}
