@@ -35,7 +35,7 @@ pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec
     let parts = connected(scene, &sides);
     let walks = (WALKS_OF_ALL / parts.len().max(1)).clamp(FEWEST_WALKS, WALKS);
     let search = Search { scene, caster, lights: &lights, seed, sides: &sides, walks };
-    let dark: Vec<Vec<usize>> = parts.into_par_iter().filter(|part| !search.is_lit(part)).collect();
+    let dark: Vec<Vec<u32>> = parts.into_par_iter().filter(|part| !search.is_lit(part)).collect();
     for side in dark.into_iter().flatten() {
         let (triangle, is_back) = side_of(side);
         let sides = &mut sides[triangle.index()];
@@ -62,7 +62,7 @@ fn leave_out_hidden(scene: &Scene, sides: &mut [Sides]) {
 
 /// The sides that hang together over edges with two triangles, part by part. A side's number is twice its
 /// triangle's, plus one if it is the back.
-fn connected(scene: &Scene, sides: &[Sides]) -> Vec<Vec<usize>> {
+fn connected(scene: &Scene, sides: &[Sides]) -> Vec<Vec<u32>> {
     let topology = scene.topology();
     let mut groups = Groups::new(2 * sides.len());
     for edge in topology.edges() {
@@ -77,20 +77,16 @@ fn connected(scene: &Scene, sides: &[Sides]) -> Vec<Vec<usize>> {
             groups.join(2 * a.triangle.index() + back, 2 * b.triangle.index() + (back ^ turned));
         }
     }
-    let exists = |side: &usize| {
-        let (triangle, is_back) = side_of(*side);
+    groups.of_members(|side| {
+        let (triangle, is_back) = side_of(side as u32);
         let sides = sides[triangle.index()];
         if is_back { sides.back } else { sides.front }
-    };
-    let mut by_root: Vec<(usize, usize)> =
-        (0..2 * sides.len()).filter(exists).map(|side| (groups.root(side), side)).collect();
-    by_root.sort_unstable();
-    by_root.chunk_by(|a, b| a.0 == b.0).map(|part| part.iter().map(|(_, s)| *s).collect()).collect()
+    })
 }
 
 /// The triangle of the side with this number, and whether it is the back.
-fn side_of(number: usize) -> (TriangleId, bool) {
-    (TriangleId(number as u32 / 2), number & 1 == 1)
+fn side_of(number: u32) -> (TriangleId, bool) {
+    (TriangleId(number / 2), number & 1 == 1)
 }
 
 struct Search<'a> {
@@ -104,8 +100,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn is_lit(&self, part: &[usize]) -> bool {
-        let emits = |&side: &usize| {
+    fn is_lit(&self, part: &[u32]) -> bool {
+        let emits = |&side: &u32| {
             let (triangle, is_back) = side_of(side);
             self.scene.radiance_on(triangle, is_back) != Vec3::ZERO
         };
@@ -123,7 +119,7 @@ impl Search<'_> {
     }
 
     /// Whether a walk from this side comes to a point that sees a light.
-    fn finds_light(&self, side: usize, stream: Stream) -> bool {
+    fn finds_light(&self, side: u32, stream: Stream) -> bool {
         let (triangle, is_back) = side_of(side);
         let side = Side::new(self.scene, triangle, is_back);
         let [x0, x1, ..] = stream.point(0);

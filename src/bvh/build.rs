@@ -9,8 +9,9 @@ use crate::geometry::bounds::Bounds;
 use glam::Vec3A;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use obvhs::ploc::{PlocBuilder, SortPrecision};
 use obvhs::splits::split_aabbs_precise;
 use rayon::prelude::*;
 
@@ -56,14 +57,14 @@ pub(super) fn build(triangles: &[Triangle], effort: Effort) -> Parts {
 }
 
 fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {
-    let (boxes, ids) = split_boxes(triangles);
-    let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
-        PlocSearchDistance::Medium,
-        &boxes,
-        ids,
-        SortPrecision::U64,
-        1,
-    );
+    // The builder's own list, so that there is no other beside it: nothing takes more memory than building.
+    let mut builder = PlocBuilder::new();
+    builder.current_nodes = leaves(triangles);
+    let whole = builder.current_nodes.iter().fold(Aabb::empty(), |sum, of| sum.union(of.aabb()));
+    let ids = builder.current_nodes.iter().map(|leaf| leaf.first_index).collect();
+    let mut tree = Bvh2 { primitive_indices: ids, ..Bvh2::default() };
+    builder.build_ploc_from_leaves::<SEARCH, false>(&mut tree, whole, SortPrecision::U64, 1);
+    drop(builder);
     tree.uses_spatial_splits = true;
     ReinsertionOptimizer::default().run(&mut tree, effort.reinsertion(), None);
     // Else the next step would keep them up to date.
@@ -72,6 +73,9 @@ fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {
     tree
 }
 
+/// How many boxes along a curve through space are tried as a box's partner, before and after it.
+const SEARCH: usize = 14;
+
 /// A box is split where the halves' surface, times this, is less than its own. A right triangle
 /// along the axes comes to 4/3, a long thin one across a cube to 2.
 const SPLIT_GAIN: f32 = 1.6;
@@ -79,21 +83,25 @@ const SPLIT_GAIN: f32 = 1.6;
 /// Triangles that are split at a time. Whatever it is, the pieces are the same, but for their order.
 const CHUNK: usize = 1 << 13;
 
-/// Boxes that hold the triangles, and whose they are: several for a long thin triangle, since one
+/// Chunks that are split before their boxes are put to the others.
+const BATCH: usize = 32;
+
+/// Boxes that hold the triangles, as leaves that say whose they are: several for a long thin triangle, since one
 /// around it would be nearly empty (Ernst & Greiner, *Early Split Clipping for Bounding Volume
 /// Hierarchies*, IRT 2007). Only boxes larger than the average are split.
-fn split_boxes(triangles: &[Triangle]) -> (Vec<Aabb>, Vec<u32>) {
+fn leaves(triangles: &[Triangle]) -> Vec<Bvh2Node> {
     let sum: f64 = triangles.iter().map(|triangle| whole(triangle).half_area() as f64).sum();
     let average = (sum / triangles.len() as f64) as f32;
-    let chunks = triangles.par_chunks(CHUNK).enumerate();
-    let chunks: Vec<_> =
-        chunks.map(|(chunk, triangles)| split_chunk(triangles, chunk * CHUNK, average)).collect();
-    let (mut boxes, mut ids) = (Vec::new(), Vec::new());
-    for (own_boxes, own_ids) in chunks {
-        boxes.extend(own_boxes);
-        ids.extend(own_ids);
+    let mut leaves = Vec::with_capacity(triangles.len());
+    for (batch, triangles) in triangles.chunks(BATCH * CHUNK).enumerate() {
+        let split = |(chunk, triangles): (usize, &[Triangle])| {
+            split_chunk(triangles, (batch * BATCH + chunk) * CHUNK, average)
+        };
+        let chunks: Vec<_> = triangles.par_chunks(CHUNK).enumerate().map(split).collect();
+        let boxes = chunks.into_iter().flat_map(|(boxes, ids)| boxes.into_iter().zip(ids));
+        leaves.extend(boxes.map(|(bounds, id)| Bvh2Node::new(bounds, 1, id)));
     }
-    (boxes, ids)
+    leaves
 }
 
 fn whole(triangle: &Triangle) -> Aabb {

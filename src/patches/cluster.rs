@@ -8,28 +8,64 @@
 use super::{Side, Sides};
 use crate::geometry::TriangleId;
 use crate::scene::Scene;
+use foldhash::fast::RandomState;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// What the sides of a cluster have in common: material and light, direction, cube.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Key {
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+struct Key {
     material: u32,
     direction: u8,
     cube: u64,
 }
 
-/// A side that belongs to a cluster.
-pub(super) type Clustered = (Key, u32, bool);
+/// The sides of the clusters, those of a cluster one after the other.
+#[derive(Default)]
+pub(super) struct Clusters {
+    sides: Vec<(TriangleId, bool)>,
+    /// Where the sides of each cluster end.
+    ends: Vec<usize>,
+}
 
-/// The sides that belong to clusters with cubes of this edge, those of a cluster one after the other. The rest have
-/// patches of their own.
-pub(super) fn clustered(
-    scene: &Scene,
-    levels: &[u32],
-    sides: &[Sides],
-    edge: f32,
-) -> Vec<Clustered> {
+impl Clusters {
+    /// The triangle of each side, and whether it is the back.
+    pub(super) fn sides(&self) -> &[(TriangleId, bool)] {
+        &self.sides
+    }
+
+    /// The sides of each cluster.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[(TriangleId, bool)]> {
+        let starts = [0].into_iter().chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.sides[start..end])
+    }
+
+    /// Puts sides with one key together, in the order of the keys. These are few, so that counting is quicker than
+    /// sorting.
+    fn of(found: Vec<(Key, TriangleId, bool)>) -> Clusters {
+        let mut places: HashMap<Key, usize, RandomState> = HashMap::default();
+        found.iter().for_each(|(key, ..)| *places.entry(*key).or_default() += 1);
+        let mut keys: Vec<Key> = places.keys().copied().collect();
+        keys.sort_unstable();
+        let (mut start, mut ends) = (0, Vec::with_capacity(keys.len()));
+        for key in keys {
+            let place = places.get_mut(&key).expect("it was counted");
+            start += std::mem::replace(place, start);
+            ends.push(start);
+        }
+        let mut sides = vec![(TriangleId(0), false); found.len()];
+        for (key, triangle, is_back) in found {
+            let place = places.get_mut(&key).expect("it was counted");
+            sides[*place] = (triangle, is_back);
+            *place += 1;
+        }
+        Clusters { sides, ends }
+    }
+}
+
+/// The clusters with cubes of this edge. The other sides have patches of their own.
+pub(super) fn clustered(scene: &Scene, levels: &[u32], sides: &[Sides], edge: f32) -> Clusters {
     let low = scene.triangles.iter().flat_map(|t| t.p).fold(Vec3::INFINITY, Vec3::min);
     let of_triangle = |t: usize| {
         let (id, shape) = (TriangleId(t as u32), &scene.triangles[t]);
@@ -47,13 +83,10 @@ pub(super) fn clustered(
                 direction: direction_of(side.normal),
                 cube,
             };
-            (!is_pattern).then_some((key, t as u32, is_back))
+            (!is_pattern).then_some((key, id, is_back))
         })
     };
-    let mut found: Vec<Clustered> =
-        (0..levels.len()).into_par_iter().flat_map_iter(of_triangle).collect();
-    found.par_sort_unstable();
-    found
+    Clusters::of((0..levels.len()).into_par_iter().flat_map_iter(of_triangle).collect())
 }
 
 /// The number of a cube, from a place in edges of a cube.
@@ -80,7 +113,6 @@ mod tests {
     use crate::geometry::{BruteForce, MollerTrumbore, Ray, RayCaster};
     use crate::patches::{Members, PatchId, PatchMesh, Split};
     use crate::scene::{Material, MaterialId};
-    use std::collections::HashMap;
 
     fn ball() -> Scene {
         let triangles = shapes::icosphere(4);

@@ -21,6 +21,7 @@ use crate::geometry::{Hit, Ray, Triangle, TriangleId};
 use crate::scene::{Material, MaterialId, Scene};
 use crate::settings::PATCHES;
 pub use cell::Cell;
+use cluster::Clusters;
 use glam::Vec3;
 pub(crate) use looks::Look;
 use looks::Looks;
@@ -198,13 +199,13 @@ impl PatchMesh {
             cluster_areas: Vec::new(),
             looks: Looks::default(),
         };
-        let clustered = match split.cube {
+        let clusters = match split.cube {
             Some(edge) => cluster::clustered(scene, &split.levels, sides, edge),
-            None => Vec::new(),
+            None => Clusters::default(),
         };
         let mut left = sides.to_vec();
-        for &(_, triangle, is_back) in &clustered {
-            let left = &mut left[triangle as usize];
+        for &(triangle, is_back) in clusters.sides() {
+            let left = &mut left[triangle.index()];
             *if is_back { &mut left.back } else { &mut left.front } = false;
         }
         for (index, (&level, sides)) in split.levels.iter().zip(&left).enumerate() {
@@ -214,8 +215,8 @@ impl PatchMesh {
                 }
             }
         }
-        for cluster in clustered.chunk_by(|a, b| a.0 == b.0) {
-            mesh.add_cluster(cluster.iter().map(|&(_, t, is_back)| (TriangleId(t), is_back)));
+        for cluster in clusters.iter() {
+            mesh.add_cluster(cluster);
         }
         mesh.looks = Looks::of(&mesh);
         Ok(mesh)
@@ -268,10 +269,10 @@ impl PatchMesh {
         self.side_of_patch.resize(patches, number);
     }
 
-    fn add_cluster(&mut self, members: impl Iterator<Item = (TriangleId, bool)>) {
+    fn add_cluster(&mut self, members: &[(TriangleId, bool)]) {
         let (first, side) = (PatchId(self.side_of_patch.len() as u32), self.sides.len() as u32);
         let mut area = 0.0;
-        for (triangle, is_back) in members {
+        for &(triangle, is_back) in members {
             let whole = Side::new(&self.scene, triangle, is_back);
             area += whole.patch_area;
             self.keep(Side { first, ..whole });

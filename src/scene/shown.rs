@@ -33,6 +33,10 @@ impl Scene {
 
     /// What is seen in the place of a side where it overlaps that.
     fn covers(&self, of: TriangleId, is_back: bool) -> Vec<Cover> {
+        let others = self.overlaps().with(of);
+        if others.is_empty() {
+            return Vec::new();
+        }
         let overlaps = self.overlaps();
         let normal = if is_back { -self.normal_of(of) } else { self.normal_of(of) };
         let cover = |&triangle: &TriangleId| {
@@ -40,7 +44,7 @@ impl Scene {
             let hides = overlaps.comes_first((triangle, faces), (of, !is_back));
             hides.then_some(Cover { triangle, is_back: !faces })
         };
-        overlaps.with(of).iter().filter_map(cover).collect()
+        others.iter().filter_map(cover).collect()
     }
 
     fn opens(&self, cover: &Cover) -> bool {
