@@ -1,6 +1,5 @@
 //! From a scene and its settings to its solution.
 
-use crate::certificate::Certificate;
 use crate::color::rounded;
 use crate::coverage;
 use crate::error::{Error, Result};
@@ -36,9 +35,6 @@ pub struct Spent {
     /// Finding what is covered, and a camera.
     pub coverage: Duration,
 }
-
-/// The certificate's numbers are not those of the solution.
-const CERTIFICATE: u64 = 0x6365_7274;
 
 impl<'d> Plan<'d> {
     /// The document fills in what the settings leave open, and the defaults what both leave open.
@@ -95,8 +91,10 @@ impl<'d> Plan<'d> {
     ) -> Result<(Solution, Spent)> {
         if self.is_in_two_levels() {
             let keep = &mut |_: &Part| Ok(());
-            let (part, spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
-            return Ok((put_together(vec![part]), spent));
+            let (part, mut spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
+            let mut solution = put_together(vec![part]);
+            spent.rays += solution.certify(caster);
+            return Ok((solution, spent));
         }
         let mesh = Arc::new(self.patches(caster)?);
         let light = radiosity::solve(caster, &mesh, &self.choices, progress)
@@ -107,19 +105,19 @@ impl<'d> Plan<'d> {
             return Err(Error::stopped());
         }
         let irradiance = rounded(&light.irradiance);
-        let seed = self.choices.seed ^ CERTIFICATE;
-        let (certificate, certificate_rays) =
-            Certificate::of(caster, &mesh, &irradiance, &uncovered, seed);
         let camera = self.document.view(&self.scene, &mesh.sides_of_triangles(), caster);
-        let figures = Figures { certificate, ..Figures::of(&light) };
-        let spent = Spent {
-            rays: light.rays + cover_rays + certificate_rays,
+        let figures = Figures::of(&light);
+        let mut spent = Spent {
+            rays: light.rays + cover_rays,
             transport: light.transport_time,
             solve: light.solve_time,
-            coverage: start.elapsed(),
+            ..Spent::default()
         };
         let light = PatchLight { irradiance, error: light.error, uncovered };
-        let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
+        let mut solution =
+            Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
+        spent.rays += solution.certify(caster);
+        spent.coverage = start.elapsed();
         Ok((solution, spent))
     }
 

@@ -9,6 +9,7 @@ use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
 use crate::export::sealed::Seal;
+use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh, Sides, Split};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
@@ -70,7 +71,7 @@ pub struct Figures {
     pub energy: Energy,
     /// Rays traced for the light.
     pub rays: u64,
-    /// `None` where nothing is reflected, or where it was not worked out: of light in two levels.
+    /// `None` where nothing is reflected, or where parts were joined by the library and not by `isolux join`.
     pub certificate: Option<Certificate>,
 }
 
@@ -129,6 +130,18 @@ impl Solution {
         };
         let scene = postcard::to_stdvec(&(&self.scene, &self.split, &self.sides));
         [of(scene), of(postcard::to_stdvec(&self.choices))]
+    }
+
+    /// Works out how far the light is from the truth, at most: see [`Figures::certificate`]. Returns the rays that it
+    /// took. `caster` must know the scene's triangles.
+    pub(crate) fn certify(&mut self, caster: &dyn RayCaster) -> u64 {
+        // Its numbers are not those of the solution.
+        let seed = self.choices.seed ^ 0x6365_7274;
+        let mesh = self.patches();
+        let (certificate, rays) =
+            Certificate::of(caster, &mesh, self.irradiance(), self.uncovered(), seed);
+        self.figures.certificate = certificate;
+        rays
     }
 
     /// The view of this name.

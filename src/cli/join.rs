@@ -3,6 +3,7 @@
 use super::report::{Report, Seconds};
 use super::say;
 use super::solve::check_light;
+use crate::bvh::Tracer;
 use crate::error::Result;
 use crate::export::file::{check_distinct, check_writable};
 use crate::plan::Spent;
@@ -29,7 +30,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let inputs: Vec<&Path> = arguments.parts.iter().map(PathBuf::as_path).collect();
     check_distinct(&[&arguments.output], &inputs)?;
     let parts = arguments.parts.iter().map(Part::load).collect::<Result<_>>()?;
-    let solution = two_level::join(parts)?;
+    let mut solution = two_level::join(parts)?;
+    solution.certify(&Tracer::build(solution.scene()));
     let seconds = Seconds::new(start.elapsed(), Duration::ZERO, &Spent::default());
     solution.save(&arguments.output)?;
     let mut report = Report::new(&solution, seconds, [arguments.output.as_path()]);

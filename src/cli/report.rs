@@ -208,18 +208,12 @@ impl Report {
                 format!("{bound} (root mean square, 95 %; residual {:.2} %)", 100.0 * residual),
             );
         }
-        if let Some(error) = self.patch_error {
-            let error = 100.0 * error;
-            line(
-                "patch error",
-                format!("{error:.2} % (root mean square of the patches' standard errors)"),
-            );
-        }
-        if let Some(error) = self.picture_error {
-            line(
-                "error",
-                format!("{:.2} % (root mean square of the pixels' standard errors)", 100.0 * error),
-            );
+        let errors: Vec<String> = [(self.picture_error, "pixels"), (self.patch_error, "patches")]
+            .iter()
+            .filter_map(|(error, of)| Some(format!("{:.2} % of the {of}", 100.0 * (*error)?)))
+            .collect();
+        if !errors.is_empty() {
+            line("error", format!("{} (root mean square of standard errors)", errors.join(", ")));
         }
         let (millions, tracing) = (self.rays as f64 * 1e-6, s.transport + s.render);
         let rays = match tracing {

@@ -89,13 +89,15 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
     let begun = if arguments.resume { partial.load()? } else { None };
     let share = arguments.part.unwrap_or(Share::WHOLE);
     let keep = &mut |part: &Part| partial.keep(part);
-    let (part, spent) = plan.solve_part(&tracer, share, begun, keep, &Bars::new())?;
+    let (part, mut spent) = plan.solve_part(&tracer, share, begun, keep, &Bars::new())?;
     if arguments.part.is_some() {
         part.save(&arguments.output)?;
         say(&describe(&part, &spent, &arguments.output))?;
     } else {
+        let mut solution = put_together(vec![part]);
+        spent.rays += solution.certify(&tracer);
         let seconds = Seconds::new(load, build, &spent);
-        finish(arguments, &put_together(vec![part]), seconds, spent.rays, start)?;
+        finish(arguments, &solution, seconds, spent.rays, start)?;
     }
     partial.remove();
     Ok(())

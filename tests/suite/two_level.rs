@@ -170,7 +170,13 @@ fn a_solve_that_was_cut_off_goes_on_to_the_same_bits() {
     fs::write(folder.path("a.light.partial"), &kept[1]).expect("a file");
     let flags = ["--levels", "6", "--samples", "8", "--resume"];
     folder.solve("a.light", &flags).assert().success();
-    assert!(fs::read(folder.path("a.light")).expect("a file") == whole);
+    let resumed = fs::read(folder.path("a.light")).expect("a file");
+    folder.solve("whole.light", &flags[..4]).assert().success();
+    assert!(resumed == fs::read(folder.path("whole.light")).expect("a file"));
+    // The program adds the certificate.
+    let mut resumed = Solution::from_bytes(&resumed).expect("light");
+    assert!(resumed.figures.certificate.take().is_some());
+    assert!(resumed.to_bytes() == whole);
     assert!(!folder.path("a.light.partial").exists());
     fs::write(folder.path("a.light.partial"), &kept[1]).expect("a file");
     let said = refused(folder.solve("a.light", &[&flags[..], &["--seed", "2"]].concat()));
