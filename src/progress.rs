@@ -29,6 +29,12 @@ pub trait Progress: Sync {
     /// The stage is over.
     fn end(&self);
 
+    /// A picture that becomes better round by round has at present this error:
+    /// see [`Image::relative_error`](crate::render::Image::relative_error).
+    fn estimate(&self, error: f32) {
+        let _ = error;
+    }
+
     /// Whether to give up: the computation returns an error of kind
     /// [`Stopped`](crate::error::ErrorKind::Stopped) soon after.
     fn is_stopped(&self) -> bool {

@@ -5,7 +5,7 @@ use crate::field::{Constant, Interpolated, IrradianceField, PathTraced};
 use crate::geometry::RayCaster;
 use crate::patches::PatchMesh;
 use crate::progress::Progress;
-use crate::render::gather::Gathered;
+use crate::render::gather::{Drawing, Gathered};
 use crate::render::{Frame, Image, render};
 use crate::scene::Camera;
 use crate::solution::Solution;
@@ -67,10 +67,31 @@ impl View {
         .into_iter();
         let image = |view: &View| match &view.look {
             Look::Field(_) => of_fields.next().expect("one per field"),
-            Look::Gathered(light) => light.draw(caster, &camera, frame, progress),
+            Look::Gathered(light) => {
+                let mut drawing = light.begin(caster, camera.clone(), frame);
+                drawing.go_on(None, progress);
+                // What was stopped is thrown away.
+                drawing.image().unwrap_or_default()
+            }
         };
         let images = views.iter().map(image).collect();
         if progress.is_stopped() { Err(Error::stopped()) } else { Ok(images) }
+    }
+}
+
+impl View {
+    /// The picture that a camera sees, on its way; `None` where it is not gathered.
+    pub(crate) fn begin<'a>(
+        &'a self,
+        caster: &'a dyn RayCaster,
+        camera: &Camera,
+        frame: &Frame,
+    ) -> Option<Drawing<'a>> {
+        let camera = camera.placed(self.mesh.scene.origin);
+        match &self.look {
+            Look::Field(_) => None,
+            Look::Gathered(light) => Some(light.begin(caster, camera, frame)),
+        }
     }
 }
 

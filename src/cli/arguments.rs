@@ -43,7 +43,8 @@ pub(super) struct RenderArguments {
     #[arg(long, value_name = "TIME", value_parser = parse_time, help_heading = "Picture")]
     pub time: Option<Duration>,
 
-    /// Gathered pictures: write the standard error of each pixel's luminance, as .exr or .hdr
+    /// Gathered pictures: write the standard error of each pixel's luminance, as .exr or .hdr; a file per view. A
+    /// picture in .exr has it as well, as its layer `error`
     #[arg(long, value_name = "FILE", help_heading = "Picture")]
     pub error_image: Option<PathBuf>,
 

@@ -158,8 +158,9 @@ impl Run<'_> {
             },
             ..Report::new(solution, seconds, files)
         };
-        if let Some(path) = &arguments.error_image {
-            outputs.push(Output { path: path.clone(), bytes: error_image(path, &images)? });
+        let gathered = images.iter().filter(|image| !image.error.is_empty());
+        for (path, image) in error_images(arguments).into_iter().zip(gathered) {
+            outputs.push(Output { bytes: error_image(&path, image)?, path });
         }
         if let Some(path) = &arguments.run.stats {
             outputs.push(Output { path: path.clone(), bytes: report.to_json() });
@@ -196,16 +197,10 @@ fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             .remedy("write .png or .exr, or give --background a radiance"));
     }
     let shadings = without_repetition(&arguments.shading);
-    let mut views: Vec<Option<String>> =
-        without_repetition(&arguments.look.view).into_iter().map(Some).collect();
-    let several_views = views.len() > 1;
-    if views.is_empty() {
-        views.push(None);
-    }
     let mut pictures = Vec::new();
-    for view in views {
+    for (view, view_suffix) in views(arguments) {
         for &shading in &shadings {
-            let view_suffix = view.clone().filter(|_| several_views);
+            let view_suffix = view_suffix.clone();
             let shading_suffix = (shadings.len() > 1).then(|| shading_name(shading));
             let path =
                 with_suffixes(&arguments.output, view_suffix.into_iter().chain(shading_suffix));
@@ -219,11 +214,29 @@ fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             .in_file(path)
             .remedy("write them as .exr or .hdr"));
     }
-    let others = arguments.run.stats.iter().chain(&arguments.error_image);
+    let errors = error_images(arguments);
+    let others = arguments.run.stats.iter().chain(&errors);
     for path in pictures.iter().map(|picture| &picture.path).chain(others) {
         check_writable(path)?;
     }
     Ok(pictures)
+}
+
+/// The names of the views, `None` for the usual one; and what they add to the names of files, if there are several.
+fn views(arguments: &RenderArguments) -> Vec<(Option<String>, Option<String>)> {
+    let names = without_repetition(&arguments.look.view);
+    let suffix = |name: &String| (names.len() > 1).then(|| name.clone());
+    match names.is_empty() {
+        true => vec![(None, None)],
+        false => names.iter().map(|name| (Some(name.clone()), suffix(name))).collect(),
+    }
+}
+
+/// The files of the errors, one per view: each view has one gathered picture.
+fn error_images(arguments: &RenderArguments) -> Vec<PathBuf> {
+    let of_views =
+        |path| views(arguments).into_iter().map(move |(_, s)| with_suffixes(path, s.into_iter()));
+    arguments.error_image.iter().flat_map(|path| of_views(path)).collect()
 }
 
 /// Refuses a run that would destroy its own input or write two outputs to one file.
@@ -234,7 +247,8 @@ fn check_overwriting(
 ) -> Result<()> {
     let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
     outputs.extend(arguments.run.stats.as_deref());
-    outputs.extend(arguments.error_image.as_deref());
+    let errors = error_images(arguments);
+    outputs.extend(errors.iter().map(PathBuf::as_path));
     check_distinct(&outputs, inputs)
 }
 
@@ -325,10 +339,9 @@ fn draw(
     Ok(images)
 }
 
-/// The picture of the first gathered picture's errors.
-fn error_image(path: &Path, images: &[Image]) -> Result<Vec<u8>> {
-    let estimated = images.iter().find(|image| !image.error.is_empty());
-    let Image { width, height, ref error, .. } = *estimated.expect("one is gathered");
+/// The picture of a picture's errors.
+fn error_image(path: &Path, image: &Image) -> Result<Vec<u8>> {
+    let Image { width, height, ref error, .. } = *image;
     let pixels = error.iter().map(|&error| Rgb::splat(error)).collect();
     Format::of(path)?.encode(&Image { width, height, pixels, ..Image::default() }, 1.0)
 }

@@ -3,6 +3,8 @@
 use super::file::{Output, write_all};
 use crate::error::{Error, Result};
 use crate::render::{Image, tone};
+use exr::image::write::WritableImage;
+use exr::image::{AnyChannel, AnyChannels, FlatSamples};
 use image::codecs::hdr::HdrEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, Rgb32FImage, Rgba32FImage};
@@ -12,7 +14,8 @@ use std::path::Path;
 impl Image {
     /// Writes a picture in the format of the name's ending: `.png` (sRGB, after the exposure), `.exr` or
     /// `.hdr` (linear radiance). Whole or not at all. Over a transparent background PNG and EXR have an alpha
-    /// channel, by which the colours are multiplied in EXR, as its readers expect.
+    /// channel, by which the colours are multiplied in EXR, as its readers expect. Where its errors are known, EXR
+    /// has them too: the standard error of each pixel's luminance is the channel `Y` of the layer `error`.
     ///
     /// # Errors
     /// An ending that nobody writes, and whatever the system says.
@@ -70,6 +73,7 @@ impl Format {
                 PngEncoder::new_with_quality(&mut bytes, quality.0, quality.1)
                     .write_image(&pixels, width, height, color)
             }
+            Format::Exr if !image.error.is_empty() => return exr_with_errors(image),
             Format::Exr if image.is_transparent() => {
                 let pixels = image.pixels.iter().zip(&image.coverage);
                 let values = pixels.flat_map(|(p, alpha)| p.extend(*alpha).to_array()).collect();
@@ -89,9 +93,35 @@ impl Format {
                 HdrEncoder::new(&mut bytes).encode(&values, width as usize, height as usize)
             }
         };
-        encoded.map_err(|e| Error::new(format!("cannot encode the picture: {e}")))?;
+        encoded.map_err(refused)?;
         Ok(bytes.into_inner())
     }
+}
+
+fn refused(error: impl std::fmt::Display) -> Error {
+    Error::new(format!("cannot encode the picture: {error}"))
+}
+
+/// One part whose channels `R`, `G` and `B` are the picture: programs that know no layers read these, and pass the
+/// channel `error.Y` over.
+fn exr_with_errors(image: &Image) -> Result<Vec<u8>> {
+    let channel = |name: &str, values| AnyChannel::new(name, FlatSamples::F32(values));
+    let colour = |i: usize| image.pixels.iter().map(|pixel| pixel[i]).collect();
+    let mut channels = vec![
+        channel("R", colour(0)),
+        channel("G", colour(1)),
+        channel("B", colour(2)),
+        channel("error.Y", image.error.clone()),
+    ];
+    if image.is_transparent() {
+        channels.push(channel("A", image.coverage.clone()));
+    }
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    let mut bytes = Cursor::new(Vec::new());
+    let size = (image.width as usize, image.height as usize);
+    let picture = exr::image::Image::from_channels(size, channels);
+    picture.write().to_buffered(&mut bytes).map_err(refused)?;
+    Ok(bytes.into_inner())
 }
 
 #[cfg(test)]
@@ -118,6 +148,31 @@ mod tests {
         let read = image::load_from_memory_with_format(&bytes, ImageFormat::OpenExr).unwrap();
         let values: Vec<f32> = image().pixels.iter().flat_map(|p| p.to_array()).collect();
         assert_eq!(read.into_rgb32f().into_raw(), values);
+    }
+
+    #[test]
+    fn exr_has_the_errors_in_a_layer_that_plain_readers_pass_over() {
+        for coverage in [vec![], vec![0.25; 6]] {
+            let error: Vec<f32> = (0..6).map(|i| 0.1 + i as f32).collect();
+            let plain = Image { coverage, ..image() };
+            let [with, without] = [&Image { error: error.clone(), ..plain.clone() }, &plain]
+                .map(|image| Format::Exr.encode(image, 1.0).unwrap());
+            let read = |bytes| image::load_from_memory_with_format(bytes, ImageFormat::OpenExr);
+            assert_eq!(read(&with).unwrap(), read(&without).unwrap());
+            let layers = exr::prelude::read()
+                .no_deep_data()
+                .largest_resolution_level()
+                .all_channels()
+                .all_layers()
+                .all_attributes()
+                .from_buffered(Cursor::new(&with))
+                .unwrap();
+            let [layer] = &layers.layer_data[..] else { panic!("one part") };
+            let channels = &layer.channel_data.list;
+            let of_errors = channels.iter().find(|channel| channel.name.eq("error.Y")).unwrap();
+            assert_eq!(of_errors.sample_data.values_as_f32().collect::<Vec<_>>(), error);
+            assert_eq!(channels.len(), 4 + plain.is_transparent() as usize);
+        }
     }
 
     #[test]

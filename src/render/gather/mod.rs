@@ -22,8 +22,10 @@ use crate::patches::PatchMesh;
 use crate::paths::{Lights, Paths, Solved};
 use crate::progress::Progress;
 use crate::scene::Camera;
+pub(crate) use rounds::Rounds;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::time::Instant;
 
 /// The light of a solution, as rays that are gathered read it.
 pub(crate) struct Gathered {
@@ -40,31 +42,57 @@ impl Gathered {
         Gathered { solved, mesh: mesh.clone(), lights }
     }
 
-    /// The picture that a camera sees.
-    pub(crate) fn draw(
-        &self,
-        caster: &dyn RayCaster,
-        camera: &Camera,
+    /// The picture that a camera sees, on its way. `camera` in the coordinates of the scene.
+    pub(crate) fn begin<'a>(
+        &'a self,
+        caster: &'a dyn RayCaster,
+        camera: Camera,
         frame: &Frame,
-        progress: &dyn Progress,
-    ) -> Image {
-        let mesh = &self.mesh;
-        let eye = Eye { caster, mesh, camera, frame };
-        let known = Some(&self.solved);
-        let paths = Paths {
-            caster,
-            mesh,
-            lights: &self.lights,
-            known,
-            seed: frame.seed,
-            rays: AtomicU64::new(0),
-        };
-        match rounds::sample(&eye, &paths, progress) {
-            Some((picture, soft)) => {
-                Image { rays: paths.rays.into_inner(), ..picture.compose(frame, &soft) }
-            }
-            // The caller throws it away.
-            None => Image::default(),
+    ) -> Drawing<'a> {
+        Drawing { light: self, caster, camera, frame: *frame, rounds: Rounds::new(frame) }
+    }
+}
+
+/// A gathered picture on its way.
+pub(crate) struct Drawing<'a> {
+    light: &'a Gathered,
+    caster: &'a dyn RayCaster,
+    camera: Camera,
+    frame: Frame,
+    rounds: Rounds,
+}
+
+impl Drawing<'_> {
+    /// All that is known so far, to be kept.
+    pub(crate) fn rounds(&self) -> &Rounds {
+        &self.rounds
+    }
+
+    /// Goes on from what was kept of a picture of the same light, camera and frame: the bits are those of a picture
+    /// that was never left. Returns whether what was kept can be of this frame.
+    pub(crate) fn take_up(&mut self, kept: Rounds) -> bool {
+        let is_possible = kept.is_of(&self.frame);
+        if is_possible {
+            self.rounds = kept;
+            self.rounds.take_up(&self.frame);
         }
+        is_possible
+    }
+
+    /// Draws until `until`, or to the end. Returns whether that is reached, or `progress` wants no more.
+    pub(crate) fn go_on(&mut self, until: Option<Instant>, progress: &dyn Progress) -> bool {
+        let Gathered { mesh, lights, solved } = self.light;
+        let (camera, frame, caster) = (&self.camera, &self.frame, self.caster);
+        let eye = Eye { caster, mesh, camera, frame };
+        let rays = AtomicU64::new(self.rounds.rays);
+        let paths = Paths { caster, mesh, lights, known: Some(solved), seed: frame.seed, rays };
+        let is_over = self.rounds.go_on(&eye, &paths, until, progress);
+        self.rounds.rays = paths.rays.into_inner();
+        is_over
+    }
+
+    /// The picture as it is; `None` before each pixel has samples.
+    pub(crate) fn image(&self) -> Option<Image> {
+        self.rounds.image(&self.frame)
     }
 }

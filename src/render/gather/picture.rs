@@ -11,10 +11,11 @@ use crate::progress::Progress;
 use crate::render::samples::Eye;
 use crate::render::{Background, Frame, Image};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
-use std::ops::Range;
 
 /// The rows of a picture.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Picture {
     width: usize,
     rows: Vec<Row>,
@@ -25,24 +26,55 @@ impl Picture {
         Picture { width: frame.width as usize, rows: vec![Row::default(); frame.height as usize] }
     }
 
-    /// Adds samples to the pixels; `numbers` says which. Rows are left as they are once there is enough.
+    /// Whether this can be a picture of a frame on its way to what is wanted.
+    pub(super) fn is_of(&self, frame: &Frame, wanted: &[u32]) -> bool {
+        let (width, height) = (frame.width as usize, frame.height as usize);
+        let is_possible = |(row, wanted): (&Row, &[u32])| {
+            row.is_possible(width) && row.counts(width).zip(wanted).all(|(n, wanted)| n <= *wanted)
+        };
+        (self.width, self.rows.len(), wanted.len()) == (width, height, width * height)
+            && self.rows.iter().zip(wanted.chunks(width.max(1))).all(is_possible)
+    }
+
+    /// Adds samples to the pixels of the rows that have not as many as are wanted, and returns how many. Rows are
+    /// left as they are once there is enough.
     pub(super) fn sample(
         &mut self,
         eye: &Eye,
         paths: &Paths,
-        numbers: impl Fn(usize) -> Range<u32> + Sync,
+        wanted: &[u32],
         progress: &dyn Progress,
         is_enough: &(dyn Fn() -> bool + Sync),
-    ) {
+    ) -> f64 {
         let width = self.width;
-        let rows = self.rows.par_iter_mut().enumerate();
-        rows.for_each_init(Work::default, |work, (y, row)| {
+        let rows = self.rows.par_iter_mut().zip(wanted.par_chunks(width.max(1))).enumerate();
+        let taken = rows.map_init(Work::default, |work, (y, (row, wanted))| {
+            let counts: Vec<u32> = row.counts(width).collect();
             // The caller throws away what is left undone.
-            if !progress.is_stopped() && !is_enough() {
-                work.add(eye, paths, (y, row), |x| numbers(y * width + x));
-                progress.advance(1);
+            if counts == wanted || progress.is_stopped() || is_enough() {
+                return 0;
             }
+            work.add(eye, paths, (y, row), |x| counts[x]..wanted[x]);
+            progress.advance(1);
+            wanted.iter().zip(counts).map(|(wanted, n)| u64::from(wanted - n)).sum()
         });
+        taken.sum::<u64>() as f64
+    }
+
+    /// How many rows have as many samples as are wanted.
+    pub(super) fn rows_with(&self, wanted: &[u32]) -> u64 {
+        let has = |(row, wanted): &(&Row, &[u32])| row.counts(self.width).eq(wanted.iter().copied());
+        self.rows.iter().zip(wanted.chunks(self.width.max(1))).filter(has).count() as u64
+    }
+
+    /// The samples of each pixel.
+    pub(super) fn counts(&self) -> Vec<u32> {
+        self.rows.iter().flat_map(|row| row.counts(self.width)).collect()
+    }
+
+    /// Whether each pixel has samples.
+    pub(super) fn is_whole(&self) -> bool {
+        self.rows.iter().all(|row| row.sharp.len() == self.width)
     }
 
     fn pixels(&self) -> impl Iterator<Item = (Sharp, &[Spot])> {

@@ -4,9 +4,10 @@ use super::filter::Light;
 use super::picture::{MOST_SAMPLES, Picture};
 use crate::paths::Paths;
 use crate::progress::{Progress, Stage};
-use crate::render::Frame;
 use crate::render::samples::Eye;
 use crate::sampling::QUARTERS;
+use crate::render::{Frame, Image};
+use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
 /// The relative error of a pixel that a quick picture aims at.
@@ -19,70 +20,199 @@ const MOST_TIMED_ROUNDS: u32 = 30;
 /// When fewer samples are wanted, as a share of those that there are, a picture is good enough.
 const FEW: f64 = 0.01;
 
-/// Samples a picture, round by round, each where the error was largest after the last. Returns it with its soft
-/// light; `None` if `progress` asked to stop.
-pub(super) fn sample(
-    eye: &Eye,
-    paths: &Paths,
-    progress: &dyn Progress,
-) -> Option<(Picture, Vec<Light>)> {
-    let frame = eye.frame;
-    let is_quick = frame.error.is_none() && frame.deadline.is_none();
-    let most = match (frame.error, frame.deadline) {
+/// A picture that is sampled round by round, each where the error was largest after the last. It can be left at any
+/// row and gone on with later: a sample depends on its pixel and its number alone.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Rounds {
+    picture: Picture,
+    /// The samples of each pixel at the end of this round, or of a step of the first.
+    wanted: Vec<u32>,
+    /// From 1.
+    round: u32,
+    /// The relative error at which this round aims.
+    goal: f32,
+    is_finished: bool,
+    /// Rays traced so far.
+    pub(super) rays: u64,
+    /// The time that a sample took in the last round.
+    per_sample: Duration,
+    /// Of the picture as it is.
+    #[serde(skip)]
+    soft: Option<Vec<Light>>,
+    /// How long soft light was averaged the last time.
+    #[serde(skip)]
+    averaging: Duration,
+    /// This round's, as far as it was sampled since it was begun or gone on with.
+    #[serde(skip)]
+    spent: Spent,
+}
+
+#[derive(Default)]
+struct Spent {
+    is_shown: bool,
+    sampling: Duration,
+    samples: f64,
+}
+
+impl Rounds {
+    pub(super) fn new(frame: &Frame) -> Rounds {
+        Rounds {
+            picture: Picture::new(frame),
+            wanted: vec![fewest(frame); frame.width as usize * frame.height as usize],
+            round: 1,
+            goal: frame.error.unwrap_or(QUICK),
+            is_finished: false,
+            rays: 0,
+            per_sample: Duration::ZERO,
+            soft: None,
+            averaging: Duration::ZERO,
+            spent: Spent::default(),
+        }
+    }
+
+    /// Whether this can be of a frame: what was read from a file need not be.
+    pub(super) fn is_of(&self, frame: &Frame) -> bool {
+        self.picture.is_of(frame, &self.wanted) && self.round >= 1 && self.goal > 0.0
+    }
+
+    /// Fits what another run left into this one's time.
+    pub(super) fn take_up(&mut self, frame: &Frame) {
+        if frame.deadline.is_some() && self.picture.is_whole() {
+            self.wanted = self.picture.counts();
+        }
+    }
+
+    /// Samples until `until`, or to the end. Returns whether that is reached, or `progress` wants no more.
+    pub(super) fn go_on(
+        &mut self,
+        eye: &Eye,
+        paths: &Paths,
+        until: Option<Instant>,
+        progress: &dyn Progress,
+    ) -> bool {
+        let is_over = |rounds: &Rounds| {
+            let is_enough = progress.is_enough() && rounds.picture.is_whole();
+            rounds.is_finished || progress.is_stopped() || is_enough
+        };
+        while !is_over(self) {
+            if self.sample(eye, paths, until, progress) {
+                self.decide(eye.frame, progress);
+            } else if !is_over(self) {
+                return false;
+            }
+        }
+        if std::mem::take(&mut self.spent.is_shown) {
+            progress.end();
+        }
+        true
+    }
+
+    /// Samples this round's rows. Returns whether all are done.
+    fn sample(
+        &mut self,
+        eye: &Eye,
+        paths: &Paths,
+        until: Option<Instant>,
+        progress: &dyn Progress,
+    ) -> bool {
+        let began = Instant::now();
+        if !self.spent.is_shown {
+            progress.begin(Stage::Render, Some(eye.frame.height as u64));
+            progress.advance(self.picture.rows_with(&self.wanted));
+            self.spent.is_shown = true;
+        }
+        // What was interrupted before each pixel has samples is no picture.
+        let is_whole = self.picture.is_whole();
+        let is_enough = || {
+            is_whole && progress.is_enough() || until.is_some_and(|until| Instant::now() >= until)
+        };
+        self.soft = None;
+        let taken = self.picture.sample(eye, paths, &self.wanted, progress, &is_enough);
+        self.spent.samples += taken;
+        self.spent.sampling += began.elapsed();
+        let is_done = self.picture.rows_with(&self.wanted) == eye.frame.height as u64;
+        if is_done {
+            progress.end();
+            self.spent.is_shown = false;
+        }
+        is_done
+    }
+
+    /// Decides what the next round samples, if there is one.
+    fn decide(&mut self, frame: &Frame, progress: &dyn Progress) {
+        let spent = std::mem::take(&mut self.spent);
+        if spent.samples > 0.0 {
+            self.per_sample = spent.sampling.div_f64(spent.samples);
+        }
+        let first = if frame.deadline.is_some() { 0 } else { least(frame, self.goal) };
+        if self.round == 1 && self.wanted.first().is_some_and(|&wanted| wanted < first) {
+            // In steps, so that there is a picture soon. The bits do not depend on these.
+            self.estimate(frame, progress);
+            self.wanted.iter_mut().for_each(|n| *n = n.saturating_mul(STEP).min(first));
+            return;
+        }
+        let is_quick = frame.error.is_none() && frame.deadline.is_none();
+        let most = most_rounds(frame);
+        // A quick picture takes soft light as it comes, and in little time rather samples are taken than averaged.
+        let is_worth_it = frame.deadline.is_none() || spent.sampling > self.averaging * SELDOM;
+        if (!is_quick && is_worth_it) || self.round >= most {
+            self.estimate(frame, progress);
+        }
+        if self.round >= most {
+            self.is_finished = true;
+            return;
+        }
+        if frame.error.is_none() && !is_quick {
+            self.goal *= BETTER;
+        }
+        let least = least(frame, self.goal);
+        let mut wanted = self.picture.wanted(self.goal, least, self.soft.as_deref());
+        if let Some(deadline) = frame.deadline {
+            // The last round's soft light takes as long as this one's.
+            let left = deadline.saturating_duration_since(Instant::now() + self.averaging);
+            fit(&self.wanted, &mut wanted, left, self.per_sample);
+        }
+        self.is_finished = is_done(&self.wanted, &wanted);
+        if !self.is_finished {
+            self.wanted = wanted;
+            self.round += 1;
+        }
+    }
+
+    /// Averages the soft light, and says how large the error is.
+    fn estimate(&mut self, frame: &Frame, progress: &dyn Progress) {
+        let began = Instant::now();
+        let soft = self.picture.soft();
+        if let Some(error) = self.picture.compose(frame, &soft).relative_error() {
+            progress.estimate(error);
+        }
+        self.soft = Some(soft);
+        self.averaging = began.elapsed();
+    }
+
+    /// The picture as it is; `None` before each pixel has samples.
+    pub(super) fn image(&self, frame: &Frame) -> Option<Image> {
+        if !self.picture.is_whole() {
+            return None;
+        }
+        let image = match &self.soft {
+            Some(soft) => self.picture.compose(frame, soft),
+            None => self.picture.compose(frame, &self.picture.soft()),
+        };
+        Some(Image { rays: self.rays, ..image })
+    }
+}
+
+fn most_rounds(frame: &Frame) -> u32 {
+    match (frame.error, frame.deadline) {
         (None, None) => QUICK_ROUNDS,
         (Some(_), None) => MOST_ROUNDS,
         (_, Some(_)) => MOST_TIMED_ROUNDS,
-    };
-    let mut picture = Picture::new(frame);
-    let mut counts = vec![0; (frame.width as usize) * (frame.height as usize)];
-    let mut goal = frame.error.unwrap_or(QUICK);
-    // Before time is up there is a picture at all.
-    let fewest = frame.samples.max(QUARTERS as u32);
-    let first = if frame.deadline.is_some() { fewest } else { least(frame, goal) };
-    let mut wanted = vec![first; counts.len()];
-    let mut averaging = Duration::ZERO;
-    for round in 1.. {
-        let began = Instant::now();
-        progress.begin(Stage::Render, Some(frame.height as u64));
-        // What was interrupted in the first round is no picture.
-        let is_enough = || round > 1 && progress.is_enough();
-        picture.sample(eye, paths, |pixel| counts[pixel]..wanted[pixel], progress, &is_enough);
-        progress.end();
-        if progress.is_stopped() {
-            return None;
-        }
-        let taken = difference(&counts, &wanted);
-        counts = wanted;
-        let sampling = began.elapsed();
-        if progress.is_enough() {
-            let soft = picture.soft();
-            return Some((picture, soft));
-        }
-        // A quick picture takes soft light as it comes, and in little time rather samples are taken than averaged.
-        let is_worth_it = frame.deadline.is_none() || sampling > averaging * SELDOM;
-        let soft = ((!is_quick && is_worth_it) || round == most).then(|| picture.soft());
-        if soft.is_some() {
-            averaging = began.elapsed() - sampling;
-        }
-        if round == most {
-            return soft.map(|soft| (picture, soft));
-        }
-        if frame.error.is_none() && !is_quick {
-            goal *= BETTER;
-        }
-        wanted = picture.wanted(goal, least(frame, goal), soft.as_deref());
-        if let Some(deadline) = frame.deadline {
-            // The last round's soft light takes as long as this one's.
-            let left = deadline.saturating_duration_since(Instant::now() + averaging);
-            fit(&counts, &mut wanted, left, sampling.div_f64(taken.max(1.0)));
-        }
-        if is_done(&counts, &wanted) {
-            let soft = soft.unwrap_or_else(|| picture.soft());
-            return Some((picture, soft));
-        }
     }
-    None
 }
+
+/// Steps of the first round make this many times as many samples.
+const STEP: u32 = 4;
 
 /// Until time is up, the goal of a round is smaller than the last one's by this factor, so that each takes about
 /// three times as many samples.
@@ -91,11 +221,16 @@ const BETTER: f32 = 0.6;
 /// Until time is up, soft light is averaged in rounds whose samples took longer than that by this factor.
 const SELDOM: u32 = 3;
 
-/// The samples of every pixel: without one in each quarter nothing is known of the error. What averaging over neighbours smooths away shows in no estimate of an error, and
+/// Without a sample in each quarter nothing is known of the error.
+fn fewest(frame: &Frame) -> u32 {
+    frame.samples.max(QUARTERS as u32)
+}
+
+/// The samples of every pixel. What averaging over neighbours smooths away shows in no estimate of an error, and
 /// becomes less with the rays alone.
 fn least(frame: &Frame, goal: f32) -> u32 {
     let more = (AVERAGED / goal).max(1.0).powi(2);
-    ((frame.samples as f32 * more) as u32).min(MOST_SAMPLES).max(frame.samples).max(QUARTERS as u32)
+    ((frame.samples as f32 * more) as u32).min(MOST_SAMPLES).max(fewest(frame))
 }
 
 /// The relative error down to which averaging over neighbours does no visible harm.

@@ -4,10 +4,11 @@ use super::spot::Spot;
 use crate::color::{Rgb, luminance};
 use crate::patches::Look;
 use crate::sampling::QUARTERS;
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
 /// What is known of a pixel before its soft light is, as sums over its samples.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(super) struct Sharp {
     /// Emission and light straight from sampled lights, and what is behind the scene.
     pub radiance: Rgb,
@@ -59,7 +60,7 @@ impl Sharp {
 }
 
 /// A row of pixels.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Row {
     /// Per pixel.
     pub sharp: Vec<Sharp>,
@@ -75,5 +76,20 @@ impl Row {
         let start = if x == 0 { 0 } else { self.ends.get(x - 1).copied().unwrap_or(0) };
         let end = self.ends.get(x).copied().unwrap_or(start);
         (sharp, &self.spots[start as usize..end as usize])
+    }
+    /// The samples of each pixel; none at first.
+    pub(super) fn counts(&self, width: usize) -> impl Iterator<Item = u32> {
+        (0..width).map(|x| self.sharp.get(x).map_or(0, |sharp| sharp.samples as u32))
+    }
+
+    /// Whether the parts belong together, in a row of `width` pixels.
+    pub(super) fn is_possible(&self, width: usize) -> bool {
+        let is_empty = self.sharp.is_empty() && self.ends.is_empty() && self.spots.is_empty();
+        let is_full = self.sharp.len() == width
+            && self.ends.len() == width
+            && self.sharp.iter().all(|sharp| sharp.samples >= 1.0)
+            && self.ends.is_sorted()
+            && self.ends.last().is_none_or(|&end| end as usize == self.spots.len());
+        is_empty || is_full
     }
 }

@@ -4,10 +4,11 @@ use crate::color::{Rgb, luminance};
 use crate::patches::SurfacePoint;
 use crate::sampling::QUARTERS;
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The samples of a pixel that lie on like surface, and the soft light there, as sums.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(super) struct Spot {
     position: Vec3,
     normal: Vec3,
