@@ -43,6 +43,14 @@ pub(super) struct RenderArguments {
     #[arg(long, value_name = "TIME", value_parser = parse_time, help_heading = "Picture")]
     pub time: Option<Duration>,
 
+    /// Gathered pictures: renew the picture's file about this often while it is drawn, such as 5s
+    #[arg(long, value_name = "TIME", value_parser = parse_time, help_heading = "Picture")]
+    pub preview: Option<Duration>,
+
+    /// Gathered pictures: go on with a picture that was interrupted or cut off; what was done lies in FILE.partial
+    #[arg(long, help_heading = "Picture")]
+    pub resume: bool,
+
     /// Gathered pictures: write the standard error of each pixel's luminance, as .exr or .hdr; a file per view. A
     /// picture in .exr has it as well, as its layer `error`
     #[arg(long, value_name = "FILE", help_heading = "Picture")]
@@ -251,7 +259,7 @@ pub(super) fn check_threads() -> Result<()> {
 
 impl RunArguments {
     /// Does `work` with the number of threads that was asked for.
-    pub(super) fn in_pool(&self, work: impl FnOnce() -> Result<()> + Send) -> Result<()> {
+    pub(super) fn in_pool<T: Send>(&self, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
         let mut pool = rayon::ThreadPoolBuilder::new();
         if let Some(threads) = self.threads {
             pool = pool.num_threads(threads as usize);

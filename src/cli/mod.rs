@@ -2,9 +2,11 @@
 
 mod arguments;
 mod bench;
+mod gathering;
 mod info;
 mod join;
 mod partial;
+mod pictures;
 mod progress;
 mod render;
 mod report;
@@ -34,7 +36,8 @@ enum Command {
     Bench(bench::Arguments),
 }
 
-/// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input.
+/// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input, 130 for a picture
+/// that was interrupted.
 pub fn run() -> ExitCode {
     let command = match Cli::try_parse() {
         Ok(cli) => cli.command,
@@ -85,7 +88,7 @@ fn flags_for(kind: ErrorKind) -> &'static str {
 
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
-        Command::Render(arguments) => render::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Render(arguments) => render::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Join(arguments) => join::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),

@@ -1,4 +1,4 @@
-//! What a long solve has done so far, kept beside its output so that it can be gone on with.
+//! What a long run has done so far, kept beside its output so that it can be gone on with.
 
 use crate::error::{Error, Result};
 use crate::two_level::Part;
@@ -51,12 +51,25 @@ impl Partial {
     /// # Errors
     /// Whatever the system says.
     pub(super) fn keep(&mut self, part: &Part) -> Result<()> {
-        if self.kept.elapsed() < EVERY || part.is_finished() {
+        if !self.is_due() || part.is_finished() {
             return Ok(());
         }
         part.save(&self.path)?;
-        self.kept = Instant::now();
+        self.has_kept();
         Ok(())
+    }
+
+    pub(super) fn is_due(&self) -> bool {
+        Instant::now() >= self.due()
+    }
+
+    /// When something is to be kept again.
+    pub(super) fn due(&self) -> Instant {
+        self.kept + EVERY
+    }
+
+    pub(super) fn has_kept(&mut self) {
+        self.kept = Instant::now();
     }
 
     /// Once the output is there, nothing is left to go on with.

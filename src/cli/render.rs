@@ -1,31 +1,34 @@
 //! `isolux render`: from a scene to pictures.
 
 use super::arguments::{Exposure, LightArguments, RenderArguments, SceneArguments, ShadingName};
+use super::gathering::{Gathering, fingerprint};
+use super::partial::Partial;
+use super::pictures::{Picture, check_overwriting, error_images, partials, pictures};
 use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::{say, warn};
 use crate::bvh::{Effort, Tracer};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
-use crate::export::file::{Output, check_distinct, check_writable, write_all};
+use crate::export::file::{Output, write_all};
 use crate::export::picture::Format;
 use crate::memory;
 use crate::plan::Plan;
-use crate::render::{Background, Frame, Image};
+use crate::render::{Frame, Image};
 use crate::scene::document::{ImageDefaults, MAX_SIZE};
 use crate::scene::{Camera, Document, Scene};
 use crate::settings::Settings;
 use crate::solution::{Solution, view_of, views_of};
 use crate::view::View;
-use clap::ValueEnum;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Instant;
 
-pub(super) fn run(arguments: &RenderArguments) -> Result<()> {
+pub(super) fn run(arguments: &RenderArguments) -> Result<ExitCode> {
     arguments.run.in_pool(|| run_in_pool(arguments))
 }
 
-fn run_in_pool(arguments: &RenderArguments) -> Result<()> {
+fn run_in_pool(arguments: &RenderArguments) -> Result<ExitCode> {
     let run = Run {
         arguments,
         pictures: pictures(arguments)?,
@@ -50,7 +53,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn show_light(&self) -> Result<()> {
+    fn show_light(&self) -> Result<ExitCode> {
         let arguments = self.arguments;
         let changed = arguments.light != LightArguments::default()
             || arguments.scenery != SceneArguments::default();
@@ -71,7 +74,7 @@ impl Run<'_> {
         self.show(&tracer, &frame, &solution, 0, seconds)
     }
 
-    fn solve_and_show(&self) -> Result<()> {
+    fn solve_and_show(&self) -> Result<ExitCode> {
         let arguments = self.arguments;
         let mut document = Document::open(&arguments.scene)?;
         arguments.scenery.apply(&mut document);
@@ -125,10 +128,10 @@ impl Run<'_> {
         solution: &Solution,
         light_rays: u64,
         mut seconds: Seconds,
-    ) -> Result<()> {
+    ) -> Result<ExitCode> {
         let (arguments, pictures) = (self.arguments, &self.pictures);
         let rendering = Instant::now();
-        let bars = Bars::new();
+        let bars = Bars::towards(frame.error, frame.deadline);
         // Other pictures do not end before they are done.
         if arguments.shading.iter().all(|&shading| shading == ShadingName::Gather) {
             bars.watch_for_interrupts();
@@ -168,110 +171,21 @@ impl Run<'_> {
         write_all(outputs)?;
         warn(report.warning().as_slice());
         if was_interrupted {
-            let text = "interrupted: the picture has the samples that there was time for";
+            let text = "interrupted: the picture has the samples that there was time for; with --resume the same \
+                        command goes on from them";
             warn(&[Warning::new(text)]);
-        } else {
-            warn(missed(arguments.error, report.picture_error).as_slice());
+            say(&report.to_text())?;
+            return Ok(ExitCode::from(INTERRUPTED));
         }
-        say(&report.to_text())
+        partials(pictures).iter().for_each(Partial::remove);
+        warn(missed(arguments.error, report.picture_error).as_slice());
+        say(&report.to_text())?;
+        Ok(ExitCode::SUCCESS)
     }
 }
 
-/// One picture to be drawn.
-struct Picture {
-    /// By name; `None` is the usual one.
-    view: Option<String>,
-    shading: ShadingName,
-    path: PathBuf,
-    format: Format,
-}
-
-/// Names the output files and makes sure that they can be written, before anything is computed. The
-/// shadings of a view follow each other.
-fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
-    check_gathered(arguments)?;
-    let format = Format::of(&arguments.output)?;
-    if arguments.background == Some(Background::Transparent) && format == Format::Hdr {
-        return Err(Error::new("a picture in Radiance's format has no transparency")
-            .in_file(&arguments.output)
-            .remedy("write .png or .exr, or give --background a radiance"));
-    }
-    let shadings = without_repetition(&arguments.shading);
-    let mut pictures = Vec::new();
-    for (view, view_suffix) in views(arguments) {
-        for &shading in &shadings {
-            let view_suffix = view_suffix.clone();
-            let shading_suffix = (shadings.len() > 1).then(|| shading_name(shading));
-            let path =
-                with_suffixes(&arguments.output, view_suffix.into_iter().chain(shading_suffix));
-            pictures.push(Picture { view: view.clone(), shading, path, format });
-        }
-    }
-    if let Some(path) = &arguments.error_image
-        && Format::of(path)? == Format::Png
-    {
-        return Err(Error::new("errors are numbers, and PNG keeps colours")
-            .in_file(path)
-            .remedy("write them as .exr or .hdr"));
-    }
-    let errors = error_images(arguments);
-    let others = arguments.run.stats.iter().chain(&errors);
-    for path in pictures.iter().map(|picture| &picture.path).chain(others) {
-        check_writable(path)?;
-    }
-    Ok(pictures)
-}
-
-/// The names of the views, `None` for the usual one; and what they add to the names of files, if there are several.
-fn views(arguments: &RenderArguments) -> Vec<(Option<String>, Option<String>)> {
-    let names = without_repetition(&arguments.look.view);
-    let suffix = |name: &String| (names.len() > 1).then(|| name.clone());
-    match names.is_empty() {
-        true => vec![(None, None)],
-        false => names.iter().map(|name| (Some(name.clone()), suffix(name))).collect(),
-    }
-}
-
-/// The files of the errors, one per view: each view has one gathered picture.
-fn error_images(arguments: &RenderArguments) -> Vec<PathBuf> {
-    let of_views =
-        |path| views(arguments).into_iter().map(move |(_, s)| with_suffixes(path, s.into_iter()));
-    arguments.error_image.iter().flat_map(|path| of_views(path)).collect()
-}
-
-/// Refuses a run that would destroy its own input or write two outputs to one file.
-fn check_overwriting(
-    arguments: &RenderArguments,
-    pictures: &[Picture],
-    inputs: &[&Path],
-) -> Result<()> {
-    let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
-    outputs.extend(arguments.run.stats.as_deref());
-    let errors = error_images(arguments);
-    outputs.extend(errors.iter().map(PathBuf::as_path));
-    check_distinct(&outputs, inputs)
-}
-
-fn without_repetition<T: Clone + PartialEq>(items: &[T]) -> Vec<T> {
-    let first = |(i, item): &(usize, &T)| !items[..*i].contains(item);
-    items.iter().enumerate().filter(first).map(|(_, item)| item.clone()).collect()
-}
-
-fn shading_name(shading: ShadingName) -> String {
-    shading.to_possible_value().expect("no name is hidden").get_name().to_string()
-}
-
-/// room.png becomes room-night-flat.png.
-fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf {
-    let mut file = path.file_stem().unwrap_or_default().to_os_string();
-    for suffix in suffixes {
-        file.push("-");
-        file.push(suffix);
-    }
-    file.push(".");
-    file.push(path.extension().unwrap_or_default());
-    path.with_file_name(file)
-}
+/// The exit code of a program that Ctrl-C has ended: 128 and the number of the signal.
+const INTERRUPTED: u8 = 130;
 
 /// Bytes per pixel that gathering takes, with the two spots that some pixels have.
 const GATHERED: u64 = 700;
@@ -320,13 +234,20 @@ fn draw(
         None => Ok(camera.unwrap_or(&solution.camera)),
     });
     let cameras = cameras.collect::<Result<Vec<_>>>()?;
-    let looks = of_views[0].iter().map(|picture| match picture.shading {
+    let look = |shading| match shading {
         ShadingName::Flat => solution.flat(),
         ShadingName::Smooth => solution.smooth(arguments.crease),
         ShadingName::Gather => solution.gathered(),
         ShadingName::Path => solution.path_traced(frame.seed),
-    });
-    let looks = looks.collect::<Vec<_>>();
+    };
+    let is_gathered = |picture: &&Picture| picture.shading == ShadingName::Gather;
+    let fields = of_views[0].iter().filter(|picture| !is_gathered(picture));
+    let fields: Vec<View> = fields.map(|picture| look(picture.shading)).collect();
+    let gathered = of_views[0].iter().any(|p| is_gathered(&p)).then(|| look(ShadingName::Gather));
+    let factor = match arguments.exposure {
+        Some(Exposure::Factor(factor)) => Some(factor),
+        _ => None,
+    };
     let mut images = Vec::new();
     for (k, camera) in cameras.iter().enumerate() {
         let now = Instant::now();
@@ -334,7 +255,23 @@ fn draw(
             now + until.saturating_duration_since(now) / (cameras.len() - k) as u32
         };
         let frame = Frame { deadline: frame.deadline.map(share), ..*frame };
-        images.extend(View::draw_all(&looks, caster, camera, &frame, bars)?);
+        let mut of_fields = View::draw_all(&fields, caster, camera, &frame, bars)?.into_iter();
+        for picture in of_views[k] {
+            let view = gathered.as_ref().filter(|_| is_gathered(&picture));
+            let Some(drawing) = view.and_then(|view| view.begin(caster, camera, &frame)) else {
+                images.extend(of_fields.next());
+                continue;
+            };
+            let gathering = Gathering {
+                output: &picture.path,
+                fingerprint: fingerprint(solution, camera, &frame, arguments.run.kernel),
+                resume: arguments.resume,
+                keep: cameras.len() > 1 && (frame.error.is_some() || frame.deadline.is_some()),
+                preview: arguments.preview,
+                exposure: &|image| factor.unwrap_or_else(|| solution.exposure(image)),
+            };
+            images.push(gathering.draw(drawing, bars)?);
+        }
     }
     Ok(images)
 }
@@ -355,23 +292,6 @@ fn missed(goal: Option<f32>, error: Option<f32>) -> Option<Warning> {
         100.0 * error,
         100.0 * goal
     )))
-}
-
-/// Refuses options of gathered pictures if there is none.
-fn check_gathered(arguments: &RenderArguments) -> Result<()> {
-    let options = [
-        ("--error", arguments.error.is_some()),
-        ("--time", arguments.time.is_some()),
-        ("--error-image", arguments.error_image.is_some()),
-    ];
-    let given = options.into_iter().find(|(_, is_given)| *is_given);
-    match given {
-        Some((name, _)) if !arguments.shading.contains(&ShadingName::Gather) => {
-            Err(Error::new(format!("{name} is for gathered pictures, and none is asked for"))
-                .remedy("leave it out, or draw with --shading gather"))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// One exposure per view, for all of its shadings.

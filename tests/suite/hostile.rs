@@ -213,7 +213,8 @@ fn an_interrupted_picture_shows_what_there_is() {
     assert!(std::process::Command::new("kill").args(kill).status().expect("it runs").success());
     let output = child.wait_with_output().expect("it ends");
     let said = String::from_utf8(output.stderr).expect("UTF-8");
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert_eq!(output.status.code(), Some(130), "{said}");
     assert!(said.contains("interrupted"), "{said}");
+    assert!(folder.path().join("a.png.partial").is_file());
     assert!(folder.path().join("a.png").is_file());
 }

@@ -14,6 +14,7 @@ mod intervals;
 mod overlaps;
 mod radiosity;
 mod render;
+mod resume;
 mod scenery;
 mod scenes;
 mod shipped;

@@ -63,7 +63,8 @@ impl Picture {
 
     /// How many rows have as many samples as are wanted.
     pub(super) fn rows_with(&self, wanted: &[u32]) -> u64 {
-        let has = |(row, wanted): &(&Row, &[u32])| row.counts(self.width).eq(wanted.iter().copied());
+        let has =
+            |(row, wanted): &(&Row, &[u32])| row.counts(self.width).eq(wanted.iter().copied());
         self.rows.iter().zip(wanted.chunks(self.width.max(1))).filter(has).count() as u64
     }
 

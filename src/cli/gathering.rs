@@ -1,0 +1,109 @@
+//! A gathered picture on its way: previews of it, and what is kept so that it can be gone on with.
+
+use super::partial::Partial;
+use super::progress::Bars;
+use crate::error::{Error, Result};
+use crate::export::file::{Output, write_all};
+use crate::export::picture::Format;
+use crate::export::sealed::Seal;
+use crate::geometry::KernelKind;
+use crate::render::gather::{Drawing, Rounds};
+use crate::render::{Background, Frame, Image};
+use crate::scene::Camera;
+use crate::solution::Solution;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const SEAL: Seal = Seal {
+    magic: b"isolux picture\n",
+    version: 1,
+    name: "file of an unfinished picture",
+    command: "isolux render SCENE -o FILE",
+};
+
+/// How a picture is drawn.
+pub(super) struct Gathering<'a> {
+    pub output: &'a Path,
+    /// See [`fingerprint`].
+    pub fingerprint: u32,
+    /// Go on with what was kept.
+    pub resume: bool,
+    /// Keep what is done at the end too, since other pictures follow.
+    pub keep: bool,
+    pub preview: Option<Duration>,
+    /// For previews.
+    pub exposure: &'a dyn Fn(&Image) -> f32,
+}
+
+impl Gathering<'_> {
+    /// Draws to the end, or until interrupted. What was done by then is kept.
+    ///
+    /// # Errors
+    /// What was kept is of another picture or damaged, and whatever the system says.
+    pub(super) fn draw(&self, mut drawing: Drawing, bars: &Bars) -> Result<Image> {
+        let mut partial = Partial::of(self.output);
+        if self.resume && partial.path().exists() {
+            self.take_up(&mut drawing, partial.path())?;
+        }
+        let after = |since: Instant| self.preview.map(|every| since + every);
+        let mut preview = after(Instant::now());
+        loop {
+            let until = preview.map_or(partial.due(), |preview| preview.min(partial.due()));
+            let is_over = drawing.go_on(Some(until), bars);
+            if bars.was_interrupted() || partial.is_due() || (is_over && self.keep) {
+                let bytes = SEAL.close(&(self.fingerprint, drawing.rounds()));
+                write_all(vec![Output { path: partial.path().to_path_buf(), bytes }])?;
+                partial.has_kept();
+            }
+            if is_over {
+                return Ok(drawing.image().expect("nothing ends a picture before it is one"));
+            }
+            if preview.is_some_and(|preview| Instant::now() >= preview) {
+                self.show(drawing.image())?;
+                // From now on, since a preview takes time itself.
+                preview = after(Instant::now());
+            }
+        }
+    }
+
+    fn take_up(&self, drawing: &mut Drawing, path: &Path) -> Result<()> {
+        let bytes = SEAL.read(path)?;
+        let (fingerprint, rounds): (u32, Rounds) =
+            SEAL.open(&bytes).map_err(|error| error.in_file(path))?;
+        let other = Error::new("the unfinished picture is of another scene, or of other options");
+        if fingerprint != self.fingerprint {
+            return Err(other.in_file(path).remedy(
+                "repeat the options with which it was begun, or delete the file to begin anew",
+            ));
+        }
+        if drawing.take_up(rounds) { Ok(()) } else { Err(SEAL.contradiction().in_file(path)) }
+    }
+
+    fn show(&self, image: Option<Image>) -> Result<()> {
+        let Some(image) = image else { return Ok(()) };
+        let bytes = Format::of(self.output)?.encode(&image, (self.exposure)(&image))?;
+        write_all(vec![Output { path: self.output.to_path_buf(), bytes }])
+    }
+}
+
+/// A number of all that a picture's bits depend on. Others have it once in 2³² cases.
+pub(super) fn fingerprint(
+    solution: &Solution,
+    camera: &Camera,
+    frame: &Frame,
+    kernel: KernelKind,
+) -> u32 {
+    let background = match frame.background {
+        None => (false, None),
+        Some(Background::Transparent) => (true, None),
+        Some(Background::Radiance(radiance)) => (true, Some(radiance)),
+    };
+    let Frame { width, height, samples, seed, error, deadline, .. } = *frame;
+    let all = (
+        env!("CARGO_PKG_VERSION"),
+        (solution.fingerprints(), solution.irradiance(), solution.uncovered()),
+        (camera, width, height, samples, seed),
+        (error, deadline.is_some(), background, kernel == KernelKind::Plane),
+    );
+    crc32fast::hash(&postcard::to_stdvec(&all).expect("numbers, strings and lists"))
+}
