@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A picture that takes seconds.
-const PICTURE: [&str; 7] = ["--levels", "1", "--size", "96x72", "--error", "0.3%", "-o"];
+const PICTURE: [&str; 7] = ["--levels", "1", "--size", "96x72", "--error", "0.8%", "-o"];
 
 fn start(folder: &Path, arguments: &[&str]) -> Child {
     let scene = format!("{}/scenes/cornell-box.toml", env!("CARGO_MANIFEST_DIR"));
