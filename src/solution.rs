@@ -336,6 +336,7 @@ mod tests {
         let light = Radiosity {
             radiosity: vec![Rgb64::ONE; 16],
             irradiance: (0..16).map(|i| Rgb64::splat(1.0 / (1.0 + i as f64))).collect(),
+            error: vec![0.1; 16],
             residuals: vec![0.5, 1e-5],
             iterations: 2,
             row_sum_defect: 1.0,

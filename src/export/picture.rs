@@ -159,6 +159,7 @@ mod tests {
                 .map(|image| Format::Exr.encode(image, 1.0).unwrap());
             let read = |bytes| image::load_from_memory_with_format(bytes, ImageFormat::OpenExr);
             assert_eq!(read(&with).unwrap(), read(&without).unwrap());
+            use exr::prelude::{ReadChannels, ReadLayers};
             let layers = exr::prelude::read()
                 .no_deep_data()
                 .largest_resolution_level()

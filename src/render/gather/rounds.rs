@@ -5,8 +5,8 @@ use super::picture::{MOST_SAMPLES, Picture};
 use crate::paths::Paths;
 use crate::progress::{Progress, Stage};
 use crate::render::samples::Eye;
-use crate::sampling::QUARTERS;
 use crate::render::{Frame, Image};
+use crate::sampling::QUARTERS;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
