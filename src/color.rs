@@ -17,7 +17,7 @@ pub fn luminance(color: Rgb) -> f32 {
     color.dot(Rgb::new(0.2126, 0.7152, 0.0722))
 }
 
-/// As [`luminance`].
+/// Luminance in double precision, as [`luminance`].
 pub(crate) fn luminance64(color: Rgb64) -> f64 {
     color.dot(Rgb64::new(0.2126, 0.7152, 0.0722))
 }

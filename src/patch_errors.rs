@@ -2,10 +2,11 @@
 //!
 //! A patch's samples fall into eighths, and these say how far it is off by its own samples (see [`Spread`]); but where
 //! few of them find light, eight numbers say it badly. Patches with neighbouring numbers are neighbours, or parts of one
-//! surface, and off by like shares: so their spreads are averaged. A patch also
-//! receives what other patches are off by: of an eighth d of all patches' own deviations comes δ = d + Fρδ, the
-//! equation of light once more. Where a small bright patch lights all others, as the ceiling above an uplight does,
-//! nearly all of their error is its own.
+//! surface, and off by like shares: so their spreads are averaged.
+//!
+//! A patch also receives what other patches are off by: of the own deviations d of all patches in one eighth comes
+//! δ = d + Fρδ, the equation of light once more. Where a small bright patch lights all others, as the ceiling above an
+//! uplight does, nearly all of their error is its own.
 
 use crate::color::{Rgb64, luminance64};
 use crate::form_factor::Eighths;

@@ -153,8 +153,9 @@ pub struct Radiosity {
 }
 
 /// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
-/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies.
-const BYTES_PER_PATCH: u64 = 380;
+/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies; and six times eight numbers
+/// for its error.
+const BYTES_PER_PATCH: u64 = 520;
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///
@@ -209,7 +210,8 @@ pub fn solve(
                         standard_errors(direct, by_rows, radiosity, &problem.reflectance);
                     let left = problem.left(&solution);
                     for (error, irradiance) in errors.iter_mut().zip(&solution.irradiance) {
-                        *error = error.hypot((left * luminance64(*irradiance)) as f32);
+                        let unsolved = (left * luminance64(*irradiance)) as f32;
+                        *error = error.hypot(unsolved).min(f32::MAX);
                     }
                     errors
                 }

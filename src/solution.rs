@@ -75,6 +75,9 @@ pub struct Figures {
     pub certificate: Option<Certificate>,
 }
 
+/// The certificate's numbers are not those of the solution.
+const CERTIFICATE: u64 = 0x6365_7274;
+
 const SEAL: Seal = Seal {
     magic: b"isolux light\n",
     version: 4,
@@ -135,8 +138,7 @@ impl Solution {
     /// Works out how far the light is from the truth, at most: see [`Figures::certificate`]. Returns the rays that it
     /// took. `caster` must know the scene's triangles.
     pub(crate) fn certify(&mut self, caster: &dyn RayCaster) -> u64 {
-        // Its numbers are not those of the solution.
-        let seed = self.choices.seed ^ 0x6365_7274;
+        let seed = self.choices.seed ^ CERTIFICATE;
         let mesh = self.patches();
         let (certificate, rays) =
             Certificate::of(caster, &mesh, self.irradiance(), self.uncovered(), seed);

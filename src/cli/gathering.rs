@@ -86,7 +86,7 @@ impl Gathering<'_> {
     }
 }
 
-/// A number of all that a picture's bits depend on. Others have it once in 2³² cases.
+/// A number of all that a picture's bits depend on. Two different pictures have the same with a probability of 2⁻³².
 pub(super) fn fingerprint(
     solution: &Solution,
     camera: &Camera,

@@ -139,7 +139,9 @@ impl Run<'_> {
         let camera = self.camera.as_ref();
         let images = draw(arguments, tracer, camera, frame, pictures, solution, &bars)
             .map_err(|error| error.in_file_if_none(&arguments.scene))?;
-        let was_interrupted = bars.was_interrupted();
+        // Where nothing was kept, it came too late: the picture is whole.
+        let was_interrupted =
+            bars.was_interrupted() && partials(pictures).iter().any(|kept| kept.path().exists());
         let views = pictures.chunk_by(|a, b| a.view == b.view).count();
         let exposures = exposures(arguments, solution, &images, views);
         let mut outputs = encode(pictures, &images, &exposures)?;

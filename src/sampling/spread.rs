@@ -29,13 +29,13 @@ pub(crate) const LEVELS_OF_EIGHTHS: usize = 3;
 pub(crate) const MOST_GAIN: f32 = 4.0;
 pub(crate) const MOST_GAIN_OF_JUMPS: f32 = 2.828_427;
 
-/// The block, of so many, of sample `number` where there are `samples` in general, at least one in each; more go
+/// The block, out of `blocks`, of sample `number` where there are `samples` in general, at least one in each; more go
 /// round again.
 pub(crate) fn block(number: u32, samples: u32, blocks: usize) -> usize {
     (number as u64 * blocks as u64 / samples as u64) as usize % blocks
 }
 
-/// The numbers of the samples in a block of so many.
+/// The numbers of the samples in a block, out of `blocks`.
 pub(crate) fn numbers(block: usize, samples: usize, blocks: usize) -> Range<usize> {
     let first = |block: usize| (block * samples).div_ceil(blocks);
     first(block)..first(block + 1)
@@ -56,7 +56,7 @@ impl<const LEVELS: usize> Spread<LEVELS> {
     /// # Panics
     /// If there are not 2^`LEVELS` blocks.
     pub(crate) fn of<const BLOCKS: usize>(mut blocks: [f32; BLOCKS]) -> Self {
-        assert_eq!(BLOCKS, 1 << LEVELS, "blocks of so many levels");
+        assert_eq!(BLOCKS, 1 << LEVELS, "there must be 2^LEVELS blocks");
         let mut levels = [0.0; LEVELS];
         for (level, squares) in levels.iter_mut().enumerate().rev() {
             let pairs = 1 << level;
@@ -77,7 +77,8 @@ impl<const LEVELS: usize> Spread<LEVELS> {
         Spread(self.0.map(|squares| squares * factor))
     }
 
-    /// 2^a, from that of independent samples, a = 1, up to `most`.
+    /// 2^a, from that of independent samples, a = 1, up to `most`: the sum of all levels but the first over that of all but
+    /// the last, in which single levels of few samples weigh little.
     pub(crate) fn gain(&self, most: f32) -> f32 {
         let gain = self.0[1..].iter().sum::<f32>() / self.0[..LEVELS - 1].iter().sum::<f32>();
         // Where there is nothing to tell it by, samples count as independent.

@@ -33,11 +33,11 @@ impl Scene {
 
     /// What is seen in the place of a side where it overlaps that.
     fn covers(&self, of: TriangleId, is_back: bool) -> Vec<Cover> {
-        let others = self.overlaps().with(of);
+        let overlaps = self.overlaps();
+        let others = overlaps.with(of);
         if others.is_empty() {
             return Vec::new();
         }
-        let overlaps = self.overlaps();
         let normal = if is_back { -self.normal_of(of) } else { self.normal_of(of) };
         let cover = |&triangle: &TriangleId| {
             let faces = self.normal_of(triangle).dot(normal) > 0.0;

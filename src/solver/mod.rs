@@ -128,8 +128,9 @@ impl Problem {
     /// The share of the light that the iterations have not found yet, about: residuals that fall by one factor leave
     /// the sum of a geometric series.
     pub(crate) fn left(&self, solution: &Converged) -> f64 {
-        let [.., before, last] = solution.residuals[..] else { return 0.0 };
-        // Nothing is left where nothing was.
+        let [ref others @ .., last] = solution.residuals[..] else { return 1.0 };
+        // Before the first iteration all of the source is left. Nothing is left where nothing was.
+        let before = others.last().copied().unwrap_or(1.0);
         let factor = (last / before.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0 - f64::EPSILON);
         let found = self.power(solution.radiosity.iter().copied()).element_sum();
         let source = self.power(self.source.iter().copied()).element_sum();

@@ -6,9 +6,10 @@ use super::spot::Spot;
 use crate::color::luminance;
 use crate::render::DARK;
 use crate::sampling::{LEVELS_OF_QUARTERS, MOST_GAIN, MOST_GAIN_OF_JUMPS, QUARTERS};
-type Spread = crate::sampling::Spread<LEVELS_OF_QUARTERS>;
 use rayon::prelude::*;
 use std::f32::consts::PI;
+
+type Spread = crate::sampling::Spread<LEVELS_OF_QUARTERS>;
 
 /// The errors of a picture's pixels. Where they are relative, it is to a pixel's luminance and [`DARK`] of the
 /// picture's mean.

@@ -8,6 +8,7 @@ use crate::render::samples::Eye;
 use crate::render::{Frame, Image};
 use crate::sampling::QUARTERS;
 use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 /// The relative error of a pixel that a quick picture aims at.
@@ -72,7 +73,11 @@ impl Rounds {
 
     /// Whether this can be of a frame: what was read from a file need not be.
     pub(super) fn is_of(&self, frame: &Frame) -> bool {
-        self.picture.is_of(frame, &self.wanted) && self.round >= 1 && self.goal > 0.0
+        let most = MOST_SAMPLES.max(fewest(frame));
+        self.picture.is_of(frame, &self.wanted)
+            && self.wanted.iter().all(|&wanted| wanted <= most)
+            && self.round >= 1
+            && self.goal > 0.0
     }
 
     /// Fits what another run left into this one's time.
@@ -123,9 +128,11 @@ impl Rounds {
         }
         // What was interrupted before each pixel has samples is no picture.
         let is_whole = self.picture.is_whole();
-        let is_enough = || {
-            is_whole && progress.is_enough() || until.is_some_and(|until| Instant::now() >= until)
-        };
+        // However little time there is, one row is sampled, so that the picture comes to its end.
+        let is_first = AtomicBool::new(true);
+        let is_late = || until.is_some_and(|until| Instant::now() >= until);
+        let is_enough =
+            || is_whole && progress.is_enough() || !is_first.swap(false, Relaxed) && is_late();
         self.soft = None;
         let taken = self.picture.sample(eye, paths, &self.wanted, progress, &is_enough);
         self.spent.samples += taken;

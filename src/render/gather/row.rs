@@ -77,6 +77,7 @@ impl Row {
         let end = self.ends.get(x).copied().unwrap_or(start);
         (sharp, &self.spots[start as usize..end as usize])
     }
+
     /// The samples of each pixel; none at first.
     pub(super) fn counts(&self, width: usize) -> impl Iterator<Item = u32> {
         (0..width).map(|x| self.sharp.get(x).map_or(0, |sharp| sharp.samples as u32))
