@@ -11,14 +11,95 @@
 //!
 //! the same equation with the lit patches as its emitters.
 
-use crate::color::{Rgb64, luminance64};
+use crate::color::{Rgb, Rgb64, luminance64};
+use crate::error::{Error, Result};
 use crate::form_factor::Estimator;
-use crate::geometry::Ray;
-use crate::light::{Facet, Light};
-use crate::patches::{Members, PatchId};
-use crate::progress::Stage;
+use crate::geometry::{Ray, RayCaster};
+use crate::light::{EmittingTriangles, Facet, Light, UniformSky};
+use crate::patches::{Members, PatchId, PatchMesh};
+use crate::progress::{Progress, Stage};
 use crate::sampling::{EIGHTHS, PointSet, Purpose, Stream, block, numbers};
 use rayon::prelude::*;
+
+/// Light that arrives straight from sources, per patch, in W·m⁻².
+#[derive(Default)]
+pub(crate) struct DirectLight {
+    /// From the surfaces that emit; `None` where the form factors carry their light.
+    from_emitters: Option<Vec<Rgb64>>,
+    from_sky: Option<Vec<Rgb64>>,
+    /// The luminance of the sum by eighths of the samples; `None` where a light has too few.
+    eighths: Option<Vec<[f32; EIGHTHS]>>,
+    pub(crate) rays: u64,
+}
+
+impl DirectLight {
+    pub(crate) fn has_emitters(&self) -> bool {
+        self.from_emitters.is_some()
+    }
+
+    pub(crate) fn of_sky(&self, i: usize) -> Rgb64 {
+        self.from_sky.as_ref().map_or(Rgb64::ZERO, |light| light[i])
+    }
+
+    pub(crate) fn irradiance(&self, i: usize) -> Rgb64 {
+        self.from_emitters.as_ref().map_or(Rgb64::ZERO, |light| light[i]) + self.of_sky(i)
+    }
+
+    /// The luminance of the sum by eighths of the samples; `None` where a light has too few.
+    pub(crate) fn take_eighths(&mut self) -> Option<Vec<[f32; EIGHTHS]>> {
+        self.eighths.take()
+    }
+
+    /// Samples the lights: the emitters by `samples` points for each patch, or by none.
+    ///
+    /// # Errors
+    /// `progress` asked to stop.
+    pub(crate) fn of(
+        caster: &dyn RayCaster,
+        mesh: &PatchMesh,
+        samples: u32,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<DirectLight> {
+        let eighths = Some(vec![[0.0; EIGHTHS]; mesh.len()]);
+        let mut direct = DirectLight { eighths, ..DirectLight::default() };
+        let mut sample = |light: &dyn Light, samples, purpose| -> Result<Vec<Rgb64>> {
+            let estimator = Estimator::new(caster, mesh, samples, PointSet::Sobol, seed, progress);
+            let (light, eighths) = estimator.direct_by_eighths(light, purpose);
+            let are_known = samples >= EIGHTHS as u32;
+            direct.eighths = added(direct.eighths.take(), are_known.then_some(eighths));
+            direct.rays += estimator.rays();
+            if progress.is_stopped() { Err(Error::stopped()) } else { Ok(light) }
+        };
+        let from_emitters = match samples {
+            0 => None,
+            _ => {
+                let emitters = EmittingTriangles::of_patches(mesh);
+                Some(sample(&emitters, samples, Purpose::DirectLight)?)
+            }
+        };
+        let from_sky = match mesh.scene.sky {
+            Rgb::ZERO => None,
+            sky => Some(sample(&UniformSky::new(sky), SKY_SAMPLES, Purpose::Sky)?),
+        };
+        Ok(DirectLight { from_emitters, from_sky, ..direct })
+    }
+}
+
+/// Both sums; `None` where one is not known.
+fn added(
+    one: Option<Vec<[f32; EIGHTHS]>>,
+    other: Option<Vec<[f32; EIGHTHS]>>,
+) -> Option<Vec<[f32; EIGHTHS]>> {
+    let (mut sum, other) = (one?, other?);
+    for (sum, other) in sum.as_flattened_mut().iter_mut().zip(other.as_flattened()) {
+        *sum += other;
+    }
+    Some(sum)
+}
+
+/// Directions to the sky that are tried from each patch.
+pub(crate) const SKY_SAMPLES: u32 = 256;
 
 impl Estimator<'_> {
     /// The irradiance that comes straight from a light, D_i in W·m⁻², of every patch, from `samples` points

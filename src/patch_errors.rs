@@ -8,9 +8,10 @@
 //! δ = d + Fρδ, the equation of light once more. Where a small bright patch lights all others, as the ceiling above an
 //! uplight does, nearly all of their error is its own.
 
-use crate::color::{Rgb64, luminance64};
+use crate::color::luminance64;
 use crate::form_factor::Eighths;
 use crate::sampling::{EIGHTHS, LEVELS_OF_EIGHTHS, MOST_GAIN, Spread};
+use crate::solver::{Converged, Problem};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -22,19 +23,20 @@ const FAR_AROUND: usize = 8;
 /// Light below this share of the mean is as good as dark: errors relative to it would outweigh all others.
 const DARK: f32 = 0.01;
 
-/// How exactly deviations are followed, and over how many bounces at most.
+/// How exactly deviations are followed, and over how many bounces, beyond which they are extrapolated.
 const SMALL: f64 = 0.01;
 const MOST_BOUNCES: usize = 64;
 
-/// The standard error of the luminance of each patch's irradiance, in W·m⁻². `direct`: the luminance of what arrives
-/// straight from lights by eighths of their samples; `radiosity`: of all that `rows` carry.
-pub(crate) fn standard_errors(
+/// The standard error of the luminance of each patch's irradiance, in W·m⁻²; empty where it has no bound. `direct`: the
+/// luminance of what arrives straight from lights by eighths of their samples; `rows` carry the light of the solution.
+pub(crate) fn of(
     mut direct: Vec<[f32; EIGHTHS]>,
     rows: &dyn Eighths,
-    radiosity: &[Rgb64],
-    reflectance: &[Rgb64],
+    problem: &Problem,
+    solution: &Converged,
 ) -> Vec<f32> {
-    let luminances: Vec<f32> = radiosity.iter().map(|b| luminance64(*b) as f32).collect();
+    let Some(left) = problem.left(solution) else { return Vec::new() };
+    let luminances: Vec<f32> = solution.radiosity.iter().map(|b| luminance64(*b) as f32).collect();
     for (direct, reflected) in direct.iter_mut().zip(rows.apart(&luminances)) {
         direct.iter_mut().zip(reflected).for_each(|(sum, reflected)| *sum += reflected);
     }
@@ -42,31 +44,46 @@ pub(crate) fn standard_errors(
     let light: Vec<f32> = direct.iter().map(mean).collect();
     let own: Vec<[f32; EIGHTHS]> =
         direct.iter().zip(&light).map(|(of, mean)| of.map(|light| light - mean)).collect();
-    let grey: Vec<f32> = reflectance.iter().map(|rho| luminance64(*rho) as f32).collect();
-    errors(&followed(own, rows, &grey), &light)
+    drop(direct);
+    let grey: Vec<f32> = problem.reflectance.iter().map(|rho| luminance64(*rho) as f32).collect();
+    let Some(deviations) = followed(own, rows, &grey) else { return Vec::new() };
+    let mut errors = errors(&deviations, &light);
+    for (error, irradiance) in errors.iter_mut().zip(&solution.irradiance) {
+        let unsolved = (left * luminance64(*irradiance)) as f32;
+        *error = error.hypot(unsolved).min(f32::MAX);
+    }
+    errors
 }
 
-/// The patches' own deviations with all that come of them.
+/// The patches' own deviations with all that come of them; `None` where these do not die away.
 fn followed(
     own: Vec<[f32; EIGHTHS]>,
     rows: &dyn Eighths,
     reflectance: &[f32],
-) -> Vec<[f32; EIGHTHS]> {
+) -> Option<Vec<[f32; EIGHTHS]>> {
     let squares = |of: &[[f32; EIGHTHS]]| -> f64 {
         of.as_flattened().iter().map(|x| f64::from(*x).powi(2)).sum()
     };
+    let add = |sum: &mut [[f32; EIGHTHS]], factor: f32, more: &[[f32; EIGHTHS]]| {
+        let more = more.as_flattened();
+        sum.as_flattened_mut().iter_mut().zip(more).for_each(|(sum, more)| *sum += factor * more);
+    };
     let (mut sum, mut arrives) = (own.clone(), own);
+    let mut rate = 0.0;
     for _ in 0..MOST_BOUNCES {
+        let before = squares(&arrives);
         let leaves = arrives.iter().zip(reflectance).map(|(of, rho)| of.map(|x| rho * x));
         arrives = rows.together(&leaves.collect::<Vec<_>>());
-        for (sum, arrives) in sum.as_flattened_mut().iter_mut().zip(arrives.as_flattened()) {
-            *sum += arrives;
+        add(&mut sum, 1.0, &arrives);
+        let left = squares(&arrives);
+        if left <= SMALL * SMALL * squares(&sum) {
+            return Some(sum);
         }
-        if squares(&arrives) <= SMALL * SMALL * squares(&sum) {
-            break;
-        }
+        rate = (left / before).sqrt();
     }
-    sum
+    // By then they fall by one factor.
+    add(&mut sum, (rate / (1.0 - rate)) as f32, &arrives);
+    (rate < 1.0).then_some(sum)
 }
 
 fn errors(deviations: &[[f32; EIGHTHS]], light: &[f32]) -> Vec<f32> {

@@ -1,17 +1,18 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
-use crate::color::{Rgb, Rgb64, luminance64};
+use crate::color::{Rgb, Rgb64};
+use crate::direct::{DirectLight, SKY_SAMPLES};
 use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{
     Estimator, ExchangeMatrix, HemisphereRows, OnDemand, Row, Rows, Transport, row_sum_defect,
 };
 use crate::geometry::RayCaster;
-use crate::light::{EmittingTriangles, Light, UniformSky};
+use crate::light::EmittingTriangles;
 use crate::memory;
-use crate::patch_errors::standard_errors;
+use crate::patch_errors;
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
-use crate::sampling::{EIGHTHS, PointSet, Purpose};
+use crate::sampling::PointSet;
 use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::settings::{
@@ -180,7 +181,8 @@ pub fn solve(
     let start = Instant::now();
     let exitance: Vec<Rgb64> =
         (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
-    let mut direct = direct_light(caster, mesh, settings, progress)?;
+    let mut direct =
+        DirectLight::of(caster, mesh, settings.direct_samples, settings.seed, progress)?;
 
     let estimator =
         Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, progress);
@@ -203,17 +205,9 @@ pub fn solve(
             go_on(progress)?;
             let transport_time = start.elapsed();
             let solution = problem.solve(&*matrix, method, settings.stop, progress)?;
-            let error = match (direct.eighths.take(), matrix.eighths()) {
+            let error = match (direct.take_eighths(), matrix.eighths()) {
                 (Some(direct), Some(by_rows)) => {
-                    let radiosity = &solution.radiosity;
-                    let mut errors =
-                        standard_errors(direct, by_rows, radiosity, &problem.reflectance);
-                    let left = problem.left(&solution);
-                    for (error, irradiance) in errors.iter_mut().zip(&solution.irradiance) {
-                        let unsolved = (left * luminance64(*irradiance)) as f32;
-                        *error = error.hypot(unsolved).min(f32::MAX);
-                    }
-                    errors
+                    patch_errors::of(direct, by_rows, &problem, &solution)
                 }
                 _ => Vec::new(),
             };
@@ -241,75 +235,6 @@ pub fn solve(
 fn go_on(progress: &dyn Progress) -> Result<()> {
     if progress.is_stopped() { Err(Error::stopped()) } else { Ok(()) }
 }
-
-/// Light that arrives straight from sources, per patch, in W·m⁻².
-#[derive(Default)]
-struct DirectLight {
-    /// From the surfaces that emit; `None` where the form factors carry their light.
-    from_emitters: Option<Vec<Rgb64>>,
-    from_sky: Option<Vec<Rgb64>>,
-    /// The luminance of the sum by eighths of the samples; `None` where a light has too few.
-    eighths: Option<Vec<[f32; EIGHTHS]>>,
-    rays: u64,
-}
-
-impl DirectLight {
-    fn has_emitters(&self) -> bool {
-        self.from_emitters.is_some()
-    }
-
-    fn of_sky(&self, i: usize) -> Rgb64 {
-        self.from_sky.as_ref().map_or(Rgb64::ZERO, |light| light[i])
-    }
-
-    fn irradiance(&self, i: usize) -> Rgb64 {
-        self.from_emitters.as_ref().map_or(Rgb64::ZERO, |light| light[i]) + self.of_sky(i)
-    }
-}
-
-fn direct_light(
-    caster: &dyn RayCaster,
-    mesh: &PatchMesh,
-    settings: &Choices,
-    progress: &dyn Progress,
-) -> Result<DirectLight> {
-    let eighths = Some(vec![[0.0; EIGHTHS]; mesh.len()]);
-    let mut direct = DirectLight { eighths, ..DirectLight::default() };
-    let seed = settings.seed;
-    let mut sample = |light: &dyn Light, samples, purpose| -> Result<Vec<Rgb64>> {
-        let estimator = Estimator::new(caster, mesh, samples, PointSet::Sobol, seed, progress);
-        let (light, eighths) = estimator.direct_by_eighths(light, purpose);
-        let are_known = samples >= EIGHTHS as u32;
-        direct.eighths = added(direct.eighths.take(), are_known.then_some(eighths));
-        direct.rays += estimator.rays();
-        go_on(progress).map(|()| light)
-    };
-    let (emitters, samples) = (EmittingTriangles::of_patches(mesh), settings.direct_samples);
-    let from_emitters = match samples {
-        0 => None,
-        _ => Some(sample(&emitters, samples, Purpose::DirectLight)?),
-    };
-    let from_sky = match mesh.scene.sky {
-        Rgb::ZERO => None,
-        sky => Some(sample(&UniformSky::new(sky), SKY_SAMPLES, Purpose::Sky)?),
-    };
-    Ok(DirectLight { from_emitters, from_sky, ..direct })
-}
-
-/// Both sums; `None` where one is not known.
-fn added(
-    one: Option<Vec<[f32; EIGHTHS]>>,
-    other: Option<Vec<[f32; EIGHTHS]>>,
-) -> Option<Vec<[f32; EIGHTHS]>> {
-    let (mut sum, other) = (one?, other?);
-    for (sum, other) in sum.as_flattened_mut().iter_mut().zip(other.as_flattened()) {
-        *sum += other;
-    }
-    Some(sum)
-}
-
-/// Directions to the sky that are tried from each patch.
-pub(crate) const SKY_SAMPLES: u32 = 256;
 
 /// Works out what will be stored, before any of it is.
 fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {

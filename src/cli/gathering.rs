@@ -1,6 +1,6 @@
 //! A gathered picture on its way: previews of it, and what is kept so that it can be gone on with.
 
-use super::partial::Partial;
+use super::partial::{ANEW, Partial};
 use super::progress::Bars;
 use crate::error::{Error, Result};
 use crate::export::file::{Output, write_all};
@@ -69,14 +69,17 @@ impl Gathering<'_> {
     fn take_up(&self, drawing: &mut Drawing, path: &Path) -> Result<()> {
         let bytes = SEAL.read(path)?;
         let (fingerprint, rounds): (u32, Rounds) =
-            SEAL.open(&bytes).map_err(|error| error.in_file(path))?;
+            SEAL.open(&bytes).map_err(|error| error.in_file(path).remedy(ANEW))?;
         let other = Error::new("the unfinished picture is of another scene, or of other options");
         if fingerprint != self.fingerprint {
             return Err(other.in_file(path).remedy(
                 "repeat the options with which it was begun, or delete the file to begin anew",
             ));
         }
-        if drawing.take_up(rounds) { Ok(()) } else { Err(SEAL.contradiction().in_file(path)) }
+        match drawing.take_up(rounds) {
+            true => Ok(()),
+            false => Err(SEAL.contradiction().in_file(path).remedy(ANEW)),
+        }
     }
 
     fn show(&self, image: Option<Image>) -> Result<()> {

@@ -31,11 +31,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     check_distinct(&[&arguments.output], &inputs)?;
     let parts = arguments.parts.iter().map(Part::load).collect::<Result<_>>()?;
     let mut solution = two_level::join(parts)?;
-    solution.certify(&Tracer::build(solution.scene()));
+    let rays = solution.certify(&Tracer::build(solution.scene()));
     let seconds = Seconds::new(start.elapsed(), Duration::ZERO, &Spent::default());
     solution.save(&arguments.output)?;
     let mut report = Report::new(&solution, seconds, [arguments.output.as_path()]);
-    report.rays = solution.figures.rays;
+    report.rays = solution.figures.rays + rays;
     report.seconds.total = start.elapsed().as_secs_f64();
     super::warn(report.warning().as_slice());
     say(&report.to_text())

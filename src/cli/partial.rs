@@ -8,6 +8,9 @@ use std::time::{Duration, Instant};
 /// At most this much work is lost.
 const EVERY: Duration = Duration::from_secs(60);
 
+/// What to do about a file that nothing can be gone on with from.
+pub(super) const ANEW: &str = "delete it, and leave out --resume, to begin anew";
+
 /// The file FILE.partial of an output FILE.
 pub(super) struct Partial {
     path: PathBuf,
@@ -43,7 +46,8 @@ impl Partial {
     /// # Errors
     /// See [`Part::load`].
     pub(super) fn load(&self) -> Result<Option<Part>> {
-        if self.path.exists() { Part::load(&self.path).map(Some) } else { Ok(None) }
+        let load = || Part::load(&self.path).map_err(|error| error.remedy(ANEW));
+        self.path.exists().then(load).transpose()
     }
 
     /// Keeps what is done, if it is time.

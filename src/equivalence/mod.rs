@@ -13,6 +13,7 @@ mod tests;
 
 use crate::color::{Rgb, Rgb64, rounded};
 use crate::coverage::{uncovered, uncovered_share};
+use crate::direct::SKY_SAMPLES;
 use crate::error::Result;
 use crate::field::{Constant, Interpolated, IrradianceField};
 use crate::form_factor::{Estimator, OnDemand, Rows};
@@ -20,7 +21,7 @@ use crate::geometry::RayCaster;
 use crate::light::{EmittingTriangles, Light, UniformSky};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::Progress;
-use crate::radiosity::{self, Choices, SKY_SAMPLES};
+use crate::radiosity::{self, Choices};
 use crate::render::{Frame, Image, pixel, render};
 use crate::sampling::{PointSet, Purpose};
 use crate::scene::Camera;

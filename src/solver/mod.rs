@@ -43,6 +43,9 @@ pub enum Stop {
     Iterations(usize),
 }
 
+/// Residuals after which they are taken to fall by one factor.
+const SETTLED: usize = 4;
+
 /// The solution that a method found.
 #[derive(Debug, Clone)]
 pub struct Converged {
@@ -125,16 +128,25 @@ impl Problem {
         found
     }
 
-    /// The share of the light that the iterations have not found yet, about: residuals that fall by one factor leave
-    /// the sum of a geometric series.
-    pub(crate) fn left(&self, solution: &Converged) -> f64 {
-        let [ref others @ .., last] = solution.residuals[..] else { return 1.0 };
-        // Before the first iteration all of the source is left. Nothing is left where nothing was.
-        let before = others.last().copied().unwrap_or(1.0);
-        let factor = (last / before.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0 - f64::EPSILON);
+    /// The share of the light that the iterations have not found yet, about. A residual r leaves (I − ρF)⁻¹ r, at most
+    /// 1 / (1 − ρ_max) times as much; or, once residuals fall by one factor, the sum of a geometric series. `None`
+    /// where neither is known.
+    pub(crate) fn left(&self, solution: &Converged) -> Option<f64> {
+        let rate = match solution.residuals[..] {
+            [.., before, last] if solution.residuals.len() >= SETTLED && last < before => {
+                last / before
+            }
+            _ => 1.0,
+        };
+        let most = self.reflectance.iter().fold(0.0, |most: f64, rho| most.max(rho.max_element()));
+        let last = solution.residuals.last().copied().filter(|last| *last > 0.0).unwrap_or(0.0);
         let found = self.power(solution.radiosity.iter().copied()).element_sum();
         let source = self.power(self.source.iter().copied()).element_sum();
-        if found > 0.0 { last / (1.0 - factor) * source / found } else { 0.0 }
+        if found <= 0.0 || last == 0.0 {
+            return Some(0.0);
+        }
+        let amplification = 1.0 / (1.0 - most.min(rate));
+        amplification.is_finite().then(|| last * amplification * source / found)
     }
 
     /// Number of patches.

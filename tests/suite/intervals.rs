@@ -8,6 +8,7 @@ use isolux::plan::Plan;
 use isolux::radiosity::{Choices, solve};
 use isolux::sampling::{PointSet, Purpose, Stream};
 use isolux::scene::Scene;
+use isolux::settings::LightSettings;
 use isolux::{Document, Settings, Tracer};
 use rayon::prelude::*;
 
@@ -19,8 +20,12 @@ type Stated = (f64, f64);
 
 /// What is stated of each patch with each seed, from 1.
 fn runs(world: &World, seeds: u64) -> Vec<Vec<Stated>> {
+    runs_with(world, &LightSettings::default(), seeds)
+}
+
+fn runs_with(world: &World, light: &LightSettings, seeds: u64) -> Vec<Vec<Stated>> {
     let run = |seed| {
-        let settings = Settings { seed, ..Settings::default() };
+        let settings = Settings { seed, light: light.clone(), ..Settings::default() };
         let choices = Choices::new(&settings, &world.mesh.scene).expect("the defaults");
         let light = solve(&world.bvh, &world.mesh, &choices, &()).expect("it converges");
         assert_eq!(light.error.len(), world.mesh.len(), "each patch has an error");
@@ -129,4 +134,24 @@ fn in_a_furnace_the_error_is_that_of_the_iterations() {
         assert!((found - truth).abs() <= T * error, "{found} ± {error}, not {truth}");
         assert!(error < 1e-3 * truth, "{error}");
     }
+    for iterations in 1..=8 {
+        let light = LightSettings { iterations: Some(iterations), ..LightSettings::default() };
+        for (found, error) in runs_with(&world, &light, 1).into_iter().flatten() {
+            assert!((found - truth).abs() <= T * error, "{iterations}: {found} ± {error}");
+            assert!(error < 2.0 * (found - truth).abs(), "{iterations}: {found} ± {error}");
+        }
+    }
+}
+
+/// Light that is reflected hundreds of times amplifies what patches are off by.
+#[test]
+fn in_a_box_that_absorbs_little() {
+    let lamp = square(Vec3::new(0.25, 0.25, 0.9), Vec3::Y * 0.5, Vec3::X * 0.5);
+    let scene = scene([
+        Piece::new(inside_out(cube(Vec3::ZERO, 1.0))).reflecting(grey(0.995)),
+        Piece::new(lamp).reflecting(grey(0.995)).emitting(grey(1.0)),
+    ]);
+    let share = covered_by_mean(&runs(&World::new(&scene, 1), 300));
+    println!("little is absorbed: {share:.4}");
+    assert!((0.93..=0.98).contains(&share), "{share}");
 }
