@@ -10,10 +10,9 @@
 
 use crate::color::luminance64;
 use crate::form_factor::Eighths;
-use crate::sampling::{EIGHTHS, LEVELS_OF_EIGHTHS, MOST_GAIN, Spread};
+use crate::sampling::{EIGHTHS, LEVELS_OF_EIGHTHS, MOST_GAIN, MOST_GAIN_OF_JUMPS, Spread};
 use crate::solver::{Converged, Problem};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Over how many patches before and after it a patch's spread is averaged; and over how many is found how fast the
 /// variance falls with the number of samples.
@@ -46,8 +45,8 @@ pub(crate) fn of(
         direct.iter().zip(&light).map(|(of, mean)| of.map(|light| light - mean)).collect();
     drop(direct);
     let grey: Vec<f32> = problem.reflectance.iter().map(|rho| luminance64(*rho) as f32).collect();
-    let Some(deviations) = followed(own, rows, &grey) else { return Vec::new() };
-    let mut errors = errors(&deviations, &light);
+    let Some(received) = received(&own, rows, &grey) else { return Vec::new() };
+    let mut errors = errors(&own, &received, &problem.areas, &light);
     for (error, irradiance) in errors.iter_mut().zip(&solution.irradiance) {
         let unsolved = (left * luminance64(*irradiance)) as f32;
         *error = error.hypot(unsolved).min(f32::MAX);
@@ -55,38 +54,49 @@ pub(crate) fn of(
     errors
 }
 
-/// The patches' own deviations with all that come of them; `None` where these do not die away.
-fn followed(
-    own: Vec<[f32; EIGHTHS]>,
+/// What comes of the patches' own deviations at all patches; `None` where it does not die away.
+fn received(
+    own: &[[f32; EIGHTHS]],
     rows: &dyn Eighths,
     reflectance: &[f32],
 ) -> Option<Vec<[f32; EIGHTHS]>> {
-    let squares = |of: &[[f32; EIGHTHS]]| -> f64 {
-        of.as_flattened().iter().map(|x| f64::from(*x).powi(2)).sum()
+    let size = |of: &[[f32; EIGHTHS]]| -> f64 {
+        of.as_flattened().iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt()
+    };
+    let bounce = |of: &[[f32; EIGHTHS]]| {
+        let leaves = of.iter().zip(reflectance).map(|(of, rho)| of.map(|x| rho * x));
+        rows.together(&leaves.collect::<Vec<_>>())
     };
     let add = |sum: &mut [[f32; EIGHTHS]], factor: f32, more: &[[f32; EIGHTHS]]| {
         let more = more.as_flattened();
         sum.as_flattened_mut().iter_mut().zip(more).for_each(|(sum, more)| *sum += factor * more);
     };
-    let (mut sum, mut arrives) = (own.clone(), own);
-    let mut rate = 0.0;
-    for _ in 0..MOST_BOUNCES {
-        let before = squares(&arrives);
-        let leaves = arrives.iter().zip(reflectance).map(|(of, rho)| of.map(|x| rho * x));
-        arrives = rows.together(&leaves.collect::<Vec<_>>());
-        add(&mut sum, 1.0, &arrives);
-        let left = squares(&arrives);
-        if left <= SMALL * SMALL * squares(&sum) {
+    let mut arrives = bounce(own);
+    let mut sum = arrives.clone();
+    let (of_own, mut now, mut rate) = (size(own), size(&arrives), 0.0);
+    for _ in 1..MOST_BOUNCES {
+        if now == 0.0 {
             return Some(sum);
         }
-        rate = (left / before).sqrt();
+        arrives = bounce(&arrives);
+        add(&mut sum, 1.0, &arrives);
+        let before = std::mem::replace(&mut now, size(&arrives));
+        rate = now / before;
+        if rate < 1.0 && now * rate / (1.0 - rate) <= SMALL * (of_own + size(&sum)) {
+            break;
+        }
     }
-    // By then they fall by one factor.
+    // They fall by one factor by then.
     add(&mut sum, (rate / (1.0 - rate)) as f32, &arrives);
     (rate < 1.0).then_some(sum)
 }
 
-fn errors(deviations: &[[f32; EIGHTHS]], light: &[f32]) -> Vec<f32> {
+fn errors(
+    own: &[[f32; EIGHTHS]],
+    received: &[[f32; EIGHTHS]],
+    areas: &[f64],
+    light: &[f32],
+) -> Vec<f32> {
     let total: f64 = light.iter().map(|light| f64::from(*light)).sum();
     let dark = DARK * (total / light.len() as f64) as f32;
     if dark <= 0.0 {
@@ -100,19 +110,32 @@ fn errors(deviations: &[[f32; EIGHTHS]], light: &[f32]) -> Vec<f32> {
     // Patches differ less in their relative errors. Relative to its own light a patch that few of its samples found lit
     // would seem to be off by little.
     let units: Vec<f32> = (0..light.len()).into_par_iter().map(|i| mean(i) + dark).collect();
-    let relative = |(of, unit): (&[f32; EIGHTHS], &f32)| Spread::of(of.map(|x| x / unit));
-    let spreads: Vec<Spread<LEVELS_OF_EIGHTHS>> =
-        deviations.par_iter().zip(&units).map(relative).collect();
-    let sum = |numbers: Range<usize>| {
+    let spreads = |of: &[[f32; EIGHTHS]]| -> Vec<Spread<LEVELS_OF_EIGHTHS>> {
+        let relative = |(of, unit): (&[f32; EIGHTHS], &f32)| Spread::of(of.map(|x| x / unit));
+        of.par_iter().zip(&units).map(relative).collect()
+    };
+    let sum = |of: &[Spread<LEVELS_OF_EIGHTHS>]| {
         let mut sum = Spread::default();
-        spreads[numbers].iter().for_each(|spread| sum.add(spread));
+        of.iter().for_each(|spread| sum.add(spread));
         sum
     };
+    // What neighbours receive is nearly one number, which cannot say how fast its variance falls: the deviations of which
+    // it is made can, by the power that they stand for.
+    let largest = areas.iter().copied().fold(0.0, f64::max);
+    let by_power: Vec<Spread<LEVELS_OF_EIGHTHS>> = own
+        .par_iter()
+        .zip(areas)
+        .map(|(of, area)| Spread::of(of.map(|x| x / dark * (area / largest) as f32)))
+        .collect();
+    let gain_of_received = sum(&by_power).gain(MOST_GAIN_OF_JUMPS);
+    let (own, received) = (spreads(own), spreads(received));
     let error = |(i, unit): (usize, &f32)| {
-        let gain = sum(around(i, FAR_AROUND)).gain(MOST_GAIN);
+        let gain = sum(&own[around(i, FAR_AROUND)]).gain(MOST_GAIN);
         let near = around(i, AROUND);
         let count = near.len() as f32;
-        (sum(near).variance(gain) / count).sqrt() * unit
+        let variance = sum(&own[near.clone()]).variance(gain)
+            + sum(&received[near]).variance(gain_of_received);
+        (variance / count).sqrt() * unit
     };
     units.par_iter().enumerate().map(error).collect()
 }

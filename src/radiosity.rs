@@ -154,9 +154,9 @@ pub struct Radiosity {
 }
 
 /// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
-/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies; and six times eight numbers
+/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies; and seven times eight numbers
 /// for its error.
-const BYTES_PER_PATCH: u64 = 520;
+const BYTES_PER_PATCH: u64 = 560;
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///

@@ -143,15 +143,25 @@ fn in_a_furnace_the_error_is_that_of_the_iterations() {
     }
 }
 
-/// Light that is reflected hundreds of times amplifies what patches are off by.
+/// Light that is reflected hundreds of times amplifies what patches are off by, and all are off alike. With 300 runs
+/// their scatter is known to 4 %, and what is stated, by eight blocks each, less well: it was 0.6 of the scatter when
+/// the last bounces were left out, and is 0.8.
 #[test]
-fn in_a_box_that_absorbs_little() {
+fn in_a_box_that_absorbs_little_the_error_is_as_large_as_the_scatter() {
     let lamp = square(Vec3::new(0.25, 0.25, 0.9), Vec3::Y * 0.5, Vec3::X * 0.5);
     let scene = scene([
         Piece::new(inside_out(cube(Vec3::ZERO, 1.0))).reflecting(grey(0.995)),
         Piece::new(lamp).reflecting(grey(0.995)).emitting(grey(1.0)),
     ]);
-    let share = covered_by_mean(&runs(&World::new(&scene, 1), 300));
-    println!("little is absorbed: {share:.4}");
-    assert!((0.93..=0.98).contains(&share), "{share}");
+    let runs = runs(&World::new(&scene, 1), 300);
+    let n = runs.len() as f64;
+    let (mut stated, mut scatter) = (0.0, 0.0);
+    for i in 0..runs[0].len() {
+        let mean = runs.iter().map(|run| run[i].0).sum::<f64>() / n;
+        stated += runs.iter().map(|run| run[i].1.powi(2)).sum::<f64>();
+        scatter += runs.iter().map(|run| (run[i].0 - mean).powi(2)).sum::<f64>();
+    }
+    let (ratio, share) = ((stated / scatter).sqrt(), covered_by_mean(&runs));
+    println!("little is absorbed: {ratio:.3} of the scatter, {share:.4} covered");
+    assert!((0.75..1.25).contains(&ratio), "{ratio}");
 }
