@@ -2,13 +2,13 @@
 
 use super::interleaved::{SLOTS, trace_interleaved};
 use super::kernel8::LeafKernel;
+use super::packet::{Packet, columns};
 use super::packet_walk::{Group, trace_packet};
-use super::ray_lanes::PreparedRay;
 use super::stream::Stream;
 use super::traverse::Entry;
 use super::{Bvh, WIDTH};
 use crate::geometry::{Hit, Ray};
-use fearless_simd::Simd;
+use fearless_simd::{Simd, f32x8, prelude::*};
 use std::cell::RefCell;
 
 /// A thread's memory for tracing, so that no ray pays for an allocation.
@@ -59,16 +59,20 @@ pub(super) fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
     incoherent.clear();
     for (part, rays) in rays.chunks(WIDTH).enumerate() {
         let first = part * WIDTH;
-        if are_close(rays, bvh.extent) {
-            let mut eight = [rays[0]; WIDTH];
-            eight[..rays.len()].copy_from_slice(rays);
-            let hits = trace_packet::<S, K, ANY>(simd, bvh, &eight, rays.len(), groups, stack);
+        let mut eight = [rays[0]; WIDTH];
+        eight[..rays.len()].copy_from_slice(rays);
+        let columns = columns(simd, eight);
+        let all = (1 << rays.len()) - 1;
+        let can_hit = can_hit(&columns) & all;
+        if rays.len() > 1 && can_hit == all && are_close(&columns, bvh.extent) {
+            let packet = Packet::new(simd, columns);
+            let hits = trace_packet::<S, K, ANY>(packet, bvh, &eight, rays.len(), groups, stack);
             for (k, hit) in hits[..rays.len()].iter().enumerate() {
                 finish(first + k, *hit);
             }
         } else {
-            for (k, ray) in rays.iter().enumerate() {
-                if PreparedRay::can_hit(ray) {
+            for k in 0..rays.len() {
+                if can_hit >> k & 1 != 0 {
                     incoherent.push((first + k) as u32);
                 } else {
                     finish(first + k, None);
@@ -86,23 +90,31 @@ pub(super) fn trace<S: Simd, K: LeafKernel, const ANY: bool>(
 /// Cosine of the widest angle at which rays count as going the same way, squared.
 const CLOSE_COSINE_SQUARED: f32 = 0.98 * 0.98;
 
-/// Whether the rays start near each other and go about the same way, so that they visit the same
-/// boxes. It changes nothing but the time that they take.
+/// As [`PreparedRay::can_hit`](super::ray_lanes::PreparedRay::can_hit), of eight rays, as a mask.
 #[inline(always)]
-fn are_close(rays: &[Ray], extent: f32) -> bool {
-    let first = &rays[0];
-    if rays.len() == 1 || !rays.iter().all(PreparedRay::can_hit) {
-        return false;
-    }
-    let length = CLOSE_COSINE_SQUARED * first.direction.length_squared();
-    for ray in &rays[1..] {
-        let along = ray.direction.dot(first.direction);
-        let apart = (ray.origin - first.origin).abs().max_element();
-        let bound = length * ray.direction.length_squared();
-        // Where the products overflow, they are not close.
-        if !(along > 0.0 && along * along > bound && apart <= extent * (1.0 / 32.0)) {
-            return false;
-        }
-    }
-    true
+fn can_hit<S: Simd>(columns: &[f32x8<S>; 8]) -> u64 {
+    let [ox, oy, oz, dx, dy, dz, t_min, t_max] = *columns;
+    let largest = f32x8::splat(t_min.simd, f32::MAX);
+    // A NaN fails.
+    let finite = |x: f32x8<S>| x.abs().simd_le(largest);
+    let origin = finite(ox) & finite(oy) & finite(oz);
+    let direction = finite(dx) & finite(dy) & finite(dz);
+    (origin & direction & t_min.simd_lt(t_max)).to_bitmask()
+}
+
+/// Whether eight rays start near the first and go about its way, so that they visit the same boxes. It changes nothing but the time that they take.
+#[inline(always)]
+fn are_close<S: Simd>(columns: &[f32x8<S>; 8], extent: f32) -> bool {
+    let [ox, oy, oz, dx, dy, dz, ..] = *columns;
+    let simd = ox.simd;
+    let first = |x: f32x8<S>| f32x8::splat(simd, x.as_array()[0]);
+    let (fx, fy, fz) = (first(dx), first(dy), first(dz));
+    let along = dx * fx + dy * fy + dz * fz;
+    let squared = fx * fx + fy * fy + fz * fz;
+    let bound = squared * f32x8::splat(simd, CLOSE_COSINE_SQUARED) * (dx * dx + dy * dy + dz * dz);
+    let apart = |x: f32x8<S>| (x - first(x)).abs();
+    let apart = apart(ox).max(apart(oy)).max(apart(oz));
+    // Where the products overflow, they are not close.
+    let same_way = along.simd_gt(f32x8::splat(simd, 0.0)) & (along * along).simd_gt(bound);
+    (same_way & apart.simd_le(f32x8::splat(simd, extent * (1.0 / 32.0)))).all_true()
 }

@@ -3,6 +3,7 @@
 use super::collapse::{Collapse, Member};
 use super::leaf::Leaves;
 use super::node::Node;
+use super::pages::with_room;
 use super::{Child, WIDTH};
 use crate::geometry::Triangle;
 use crate::geometry::bounds::Bounds;
@@ -53,7 +54,11 @@ pub(super) fn build(triangles: &[Triangle], effort: Effort) -> Parts {
     if triangles.is_empty() {
         return Parts { nodes: vec![Node::EMPTY], leaves: Leaves::new(&[], &[], &[]), depth: 1 };
     }
-    open(&binary_tree(triangles, effort), triangles)
+    let mut parts = open(&binary_tree(triangles, effort), triangles);
+    // How many nodes there are is not known before, and the binary tree is gone by now.
+    let mut nodes = with_room(parts.nodes.len());
+    nodes.append(&mut parts.nodes);
+    Parts { nodes, ..parts }
 }
 
 fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {

@@ -1,6 +1,7 @@
 //! Triangles as leaves hold them: packed without a gap, and loaded eight at a time.
 
 use super::WIDTH;
+use super::pages::with_room;
 use crate::geometry::{Triangle, TriangleId};
 use fearless_simd::{Simd, f32x8, prelude::*};
 use rayon::prelude::*;
@@ -22,7 +23,9 @@ pub(super) struct Leaves {
 impl Leaves {
     /// Leaves that hold `counts` of the triangles with these `numbers`, one after the other.
     pub(super) fn new(triangles: &[Triangle], numbers: &[u32], counts: &[u8]) -> Self {
-        let mut words = vec![0.0; numbers.len() * WORDS + WIDTH];
+        let count = numbers.len() * WORDS + WIDTH;
+        let mut words = with_room(count);
+        words.resize(count, 0.0);
         let (mut rest_of_words, mut rest) = (&mut words[..], numbers);
         let mut parts = Vec::new();
         for counts in counts.chunks(1024) {

@@ -6,6 +6,7 @@
 //! | `collapse` | which descendants a node adopts, at the least cost |
 //! | `node` | eight boxes |
 //! | `leaf`, `kernel8` | triangles as leaves hold them; the kernels on eight lanes |
+//! | `pages` | memory in large pages |
 //! | `met` | the answer of a kernel |
 //! | `ray_lanes`, `traverse` | one ray against eight boxes; its walk |
 //! | `interleaved` | many rays, each a step at a time |
@@ -35,6 +36,7 @@ pub(crate) mod mutants;
 mod node;
 mod packet;
 mod packet_walk;
+mod pages;
 mod ray_lanes;
 pub(crate) mod simd;
 mod stream;

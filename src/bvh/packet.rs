@@ -16,6 +16,8 @@ pub struct Packet<S: Simd> {
     pub direction: [f32x8<S>; 3],
     /// See [`PreparedRay`](super::ray_lanes::PreparedRay).
     pub inverse: [f32x8<S>; 3],
+    /// Per axis, which of (min, max) all rays meet first; nothing unless they agree along every axis.
+    pub near: Option<[usize; 3]>,
     pub t_scale: f32x8<S>,
     pub band_scale: f32x8<S>,
     pub t_min: f32x8<S>,
@@ -51,6 +53,23 @@ pub(super) fn longest<S: Simd>(direction: [f32x8<S>; 3]) -> f32x8<S> {
     direction[0].abs().max(direction[1].abs()).max(direction[2].abs())
 }
 
+/// Per axis, which of (min, max) rays with these inverse directions meet first, if they agree.
+#[inline(always)]
+fn near_sides<S: Simd>(inverse: [f32x8<S>; 3]) -> Option<[usize; 3]> {
+    let mut sides = [0; 3];
+    let mut axis = 0;
+    while axis < 3 {
+        let lanes = inverse[axis];
+        let back = lanes.simd_lt(f32x8::splat(lanes.simd, 0.0));
+        if back.any_true() != back.all_true() {
+            return None;
+        }
+        sides[axis] = back.any_true() as usize;
+        axis += 1;
+    }
+    Some(sides)
+}
+
 /// See [`moller_trumbore::band_scale`](crate::geometry::moller_trumbore::band_scale).
 #[inline(always)]
 pub(super) fn band_scale<S: Simd>(longest: f32x8<S>) -> f32x8<S> {
@@ -58,22 +77,27 @@ pub(super) fn band_scale<S: Simd>(longest: f32x8<S>) -> f32x8<S> {
 }
 
 impl<S: Simd> Packet<S> {
+    /// From the [`columns`] of eight rays.
     #[inline(always)]
-    pub fn new(simd: S, rays: &[Ray; WIDTH]) -> Self {
-        let [ox, oy, oz, dx, dy, dz, t_min, t_max] = columns(simd, *rays);
+    pub fn new(simd: S, columns: [f32x8<S>; 8]) -> Self {
+        let [ox, oy, oz, dx, dy, dz, t_min, t_max] = columns;
         let direction = [dx, dy, dz];
         let longest = longest(direction);
         // As for one ray: see `PreparedRay::new`.
         let (one, short) = (f32x8::splat(simd, 1.0), f32x8::splat(simd, SHORT));
-        let t_scale = longest.simd_lt(short).select(short, one);
+        let is_short = longest.simd_lt(short);
+        let t_scale = is_short.select(short, one);
+        let lengthen = is_short.select(f32x8::splat(simd, 1.0 / SHORT), one);
         let (low, high) = (f32x8::splat(simd, f32::MIN), f32x8::splat(simd, f32::MAX));
-        let inverse = |d: f32x8<S>| (one / (d / t_scale)).max(low).min(high);
+        let inverse = |d: f32x8<S>| (one / (d * lengthen)).max(low).min(high);
+        let inverse = [inverse(dx), inverse(dy), inverse(dz)];
         let zero = f32x8::splat(simd, 0.0);
         Packet {
             simd,
             origin: [ox, oy, oz],
             direction,
-            inverse: [inverse(direction[0]), inverse(direction[1]), inverse(direction[2])],
+            inverse,
+            near: near_sides(inverse),
             t_scale,
             band_scale: band_scale(longest),
             t_min,
@@ -114,6 +138,19 @@ impl<S: Simd> Packet<S> {
         self.rank = take.select(rank, self.rank);
     }
 
+    /// What the ray in a lane has found.
+    #[inline(always)]
+    pub fn hit(&self, lane: usize) -> Option<Hit> {
+        let number = |lanes: &f32x8<S>| lanes.as_array()[lane];
+        let rank = number(&self.rank);
+        (rank < NO_RANK).then(|| Hit {
+            triangle: id_of(rank),
+            t: number(&self.t_max),
+            u: number(&self.u),
+            v: number(&self.v),
+        })
+    }
+
     #[inline(always)]
     pub fn hits(&self) -> [Option<Hit>; WIDTH] {
         let rank: [f32; WIDTH] = self.rank.into();
@@ -138,20 +175,40 @@ impl<S: Simd> Packet<S> {
         self.rank.simd_ge(f32x8::splat(self.simd, NO_RANK)).to_bitmask()
     }
 
-    /// Which of the `active` rays enter a node's box number `slot`.
+    /// The rays' intervals in the units of distances to boxes.
     #[inline(always)]
-    pub(super) fn enter(&self, node: &Node, slot: usize) -> (mask32x8<S>, f32x8<S>) {
+    pub(super) fn interval(&self) -> [f32x8<S>; 2] {
+        [self.t_min * self.t_scale, self.t_max * self.t_scale]
+    }
+
+    /// Which of the rays enter a node's box number `slot` in their `interval`.
+    #[inline(always)]
+    pub(super) fn enter(
+        &self,
+        node: &Node,
+        slot: usize,
+        interval: [f32x8<S>; 2],
+    ) -> (mask32x8<S>, f32x8<S>) {
         let simd = self.simd;
-        let mut near = self.t_min * self.t_scale;
-        let mut far = self.t_max * self.t_scale;
+        let [mut near, mut far] = interval;
+        let plane = |axis: usize, side: usize| {
+            let plane = f32x8::splat(simd, node.bounds[axis][side & 1][slot]);
+            (plane - self.origin[axis]) * self.inverse[axis]
+        };
         let mut axis = 0;
-        while axis < 3 {
-            let [min, max] = &node.bounds[axis];
-            let a = (f32x8::splat(simd, min[slot]) - self.origin[axis]) * self.inverse[axis];
-            let b = (f32x8::splat(simd, max[slot]) - self.origin[axis]) * self.inverse[axis];
-            near = near.max(a.min(b));
-            far = far.min(a.max(b));
-            axis += 1;
+        if let Some(near_sides) = self.near {
+            while axis < 3 {
+                near = near.max(plane(axis, near_sides[axis]));
+                far = far.min(plane(axis, 1 - (near_sides[axis] & 1)));
+                axis += 1;
+            }
+        } else {
+            while axis < 3 {
+                let (a, b) = (plane(axis, 0), plane(axis, 1));
+                near = near.max(a.min(b));
+                far = far.min(a.max(b));
+                axis += 1;
+            }
         }
         (near.simd_le(far * f32x8::splat(simd, STRETCH)), near)
     }

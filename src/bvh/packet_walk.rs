@@ -16,7 +16,7 @@ use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// From this node on, counted per packet, the packet's [`Beam`] is tested too. From the first node on it
 /// cost the Cornell box a third of its rate.
-const BEAM_FROM_NODE: u32 = 6;
+const BEAM_FROM_NODE: u32 = 4;
 
 /// A child, the rays that have to visit it (as a mask), and where the first of them enters.
 #[derive(Debug, Clone, Copy)]
@@ -33,14 +33,13 @@ impl Group {
 /// The nearest hits of the first `count` of eight rays, or any hits if `ANY`.
 #[inline(always)]
 pub(super) fn trace_packet<S: Simd, K: LeafKernel, const ANY: bool>(
-    simd: S,
+    mut packet: Packet<S>,
     bvh: &Bvh<K>,
     rays: &[Ray; WIDTH],
     count: usize,
     groups: &mut [Group],
     stack: &mut [Entry],
 ) -> [Option<Hit>; WIDTH] {
-    let mut packet = Packet::new(simd, rays);
     let mut beam = None;
     let mut nodes = 0;
     let all = (1 << count) - 1;
@@ -110,10 +109,11 @@ fn push_entered<S: Simd, K>(
         Some(beam) => beam.enter(packet, node),
         None => (node.slots(packet.simd), [0.0; WIDTH]),
     };
+    let interval = packet.interval();
     while candidates != 0 {
         let slot = candidates.trailing_zeros() as usize;
         candidates &= candidates - 1;
-        let (entered, near) = packet.enter(node, slot);
+        let (entered, near) = packet.enter(node, slot, interval);
         let rays = entered.to_bitmask() & active;
         if rays != 0 {
             let child = node.children[slot];
@@ -144,8 +144,8 @@ fn continue_single<S: Simd, K: LeafKernel, const ANY: bool>(
     child: Child,
     stack: &mut [Entry],
 ) {
-    let before = packet.hits()[lane];
-    let walk = Walk::resume(ray, before, child, stack);
+    let before = packet.hit(lane);
+    let walk = Walk::resume(ray, before, child, stack, 0);
     let hit = walk_on::<S, K, ANY>(packet.simd, bvh, walk, stack);
     if hit != before
         && let Some(hit) = hit

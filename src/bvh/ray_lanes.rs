@@ -37,10 +37,11 @@ impl PreparedRay {
     #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
         // A direction whose reciprocal would overflow is lengthened; a power of two is exact.
-        let t_scale = if ray.direction.abs().max_element() < SHORT { SHORT } else { 1.0 };
+        let is_short = ray.direction.abs().max_element() < SHORT;
+        let (t_scale, lengthen) = if is_short { (SHORT, 1.0 / SHORT) } else { (1.0, 1.0) };
         // 1/0 becomes the largest finite number of that sign: products with it may overflow to ±∞,
         // but 0·∞, the only source of NaN in a slab test of finite boxes, cannot occur.
-        let lengthened = ray.direction / t_scale;
+        let lengthened = ray.direction * lengthen;
         let inverse = lengthened.recip().clamp(Vec3::MIN, Vec3::MAX);
         PreparedRay {
             ray: *ray,

@@ -164,7 +164,7 @@ impl Rows {
             for (ray, &index) in eight.iter_mut().zip(which) {
                 *ray = rays[index as usize];
             }
-            let packet = Packet::new(simd, &eight);
+            let packet = Packet::new(simd, columns(simd, eight));
             let at = part * WIDTH..(part + 1) * WIDTH;
             self.rays[at.clone()].copy_from_slice(&eight);
             let mut axis = 0;
@@ -240,6 +240,7 @@ impl Rows {
             origin: [ox, oy, oz],
             direction,
             inverse: [unused; 3],
+            near: None,
             t_scale: unused,
             band_scale: band_scale(longest(direction)),
             t_min,

@@ -10,14 +10,17 @@ use super::node::Node;
 use super::ray_lanes::{PreparedRay, RayLanes, STRETCH};
 use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray, Stops, TriangleId};
-use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8, u64x2};
+use fearless_simd::{Simd, f32x8, i32x8, i64x2, i64x4, mask32x8, prelude::*, u32x8};
 use std::hint::select_unpredictable;
 
 /// A place to visit: the [`order`] of its entry distance above, the child below.
-pub(super) type Entry = u64;
+pub(super) type Entry = i64;
 
 /// The entry below all others on a stack: as near as can be, so that it is never left out.
 const END: Entry = 0;
+
+/// What is next when a walk is over. The root is nobody's child, so that nothing else says so.
+pub(super) const OVER: Child = Child(END as u32);
 
 /// The triangle of no hit.
 pub(super) const NOTHING: TriangleId = TriangleId(u32::MAX);
@@ -28,24 +31,36 @@ pub(super) const NOTHING: TriangleId = TriangleId(u32::MAX);
 pub(super) struct Walk {
     prepared: PreparedRay,
     nearest: Hit,
-    /// Entries on its stack, including the end.
-    waiting: usize,
+    /// Where its stack ends: one behind the entry on top.
+    end: usize,
 }
 
 impl Walk {
-    /// At the root, with nothing found.
+    /// At the root, with nothing found; its own part of `stack` begins at `bottom`.
     #[inline(always)]
-    pub(super) fn new(ray: &Ray, stack: &mut [Entry]) -> Self {
-        Walk::resume(ray, None, Child::ROOT, stack)
+    pub(super) fn new(ray: &Ray, stack: &mut [Entry], bottom: usize) -> Self {
+        Walk::resume(ray, None, Child::ROOT, stack, bottom)
     }
 
     /// At some child, with what was found before.
     #[inline(always)]
-    pub(super) fn resume(ray: &Ray, found: Option<Hit>, from: Child, stack: &mut [Entry]) -> Self {
-        stack[0] = END;
-        stack[1] = from.0 as Entry;
+    pub(super) fn resume(
+        ray: &Ray,
+        found: Option<Hit>,
+        from: Child,
+        stack: &mut [Entry],
+        bottom: usize,
+    ) -> Self {
+        stack[bottom] = END;
+        stack[bottom + 1] = from.0 as Entry;
         let nothing = Hit { triangle: NOTHING, t: ray.t_max, u: 0.0, v: 0.0 };
-        Walk { prepared: PreparedRay::new(ray), nearest: found.unwrap_or(nothing), waiting: 2 }
+        Walk { prepared: PreparedRay::new(ray), nearest: found.unwrap_or(nothing), end: bottom + 2 }
+    }
+
+    /// The child on top of the stack.
+    #[inline(always)]
+    fn top(&self, stack: &[Entry]) -> Child {
+        Child(stack[self.end - 1] as u32)
     }
 
     #[inline(always)]
@@ -53,27 +68,20 @@ impl Walk {
         if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
     }
 
-    /// Takes the next child to visit, unless the walk [is over](Walk::is_over). Children behind the nearest
-    /// hit are left out.
+    /// The next child to visit, or [`OVER`]. Children behind the nearest hit are left out.
     #[inline(always)]
     pub(super) fn next<const ANY: bool>(&mut self, stack: &[Entry]) -> Child {
         if ANY {
-            return Child(stack[self.waiting - 1] as u32);
+            return self.top(stack);
         }
         // Equal distances are visited: a lower triangle may tie.
         let last = order(self.nearest.t * self.prepared.t_scale * STRETCH);
         loop {
-            let top = stack[self.waiting - 1];
-            if (top >> 32) as u32 <= last {
-                return Child(top as u32);
+            if (stack[self.end - 1] >> 32) as i32 <= last {
+                return self.top(stack);
             }
-            self.waiting -= 1;
+            self.end -= 1;
         }
-    }
-
-    #[inline(always)]
-    pub(super) fn is_over(&self) -> bool {
-        self.waiting == 1
     }
 
     /// Takes the node on top of the stack and puts the children there that the ray enters.
@@ -84,17 +92,17 @@ impl Walk {
         nodes: &[Node],
         stack: &mut [Entry],
     ) {
-        self.waiting -= 1;
-        let node = &nodes[stack[self.waiting] as u32 as usize];
+        self.end -= 1;
+        let node = &nodes[stack[self.end] as u32 as usize];
         let lanes = RayLanes::new(simd, &self.prepared);
         let (entered, near) = lanes.enter(node, self.nearest.t * self.prepared.t_scale);
-        let room = &mut stack[self.waiting..][..WIDTH];
+        let room = &mut stack[self.end..][..WIDTH];
         if ANY {
             push(simd, entered, node, room);
         } else {
             push_far_to_near(simd, entered, near, node, room);
         }
-        self.waiting += entered.to_bitmask().count_ones() as usize;
+        self.end += entered.to_bitmask().count_ones() as usize;
     }
 
     /// Takes the leaf on top of the stack and asks its triangles. Of several hits at the same t, that of
@@ -104,14 +112,15 @@ impl Walk {
         &mut self,
         simd: S,
         bvh: &Bvh<K>,
-        stack: &[Entry],
+        stack: &mut [Entry],
     ) {
         let (leaf, met) = self.meet_leaf(simd, bvh, stack);
         if ANY {
             let met = met.lanes.to_bitmask();
             if met != 0 {
                 self.nearest.triangle = leaf.id(met.trailing_zeros() as usize);
-                self.waiting = 1;
+                stack[self.end] = END;
+                self.end += 1;
             }
         } else {
             self.keep_nearest(simd, &leaf, &met);
@@ -126,8 +135,8 @@ impl Walk {
         bvh: &'b Bvh<K>,
         stack: &[Entry],
     ) -> (Leaf<'b>, Met<S>) {
-        self.waiting -= 1;
-        let ChildKind::Leaf(first, count) = Child(stack[self.waiting] as u32).kind() else {
+        self.end -= 1;
+        let ChildKind::Leaf(first, count) = Child(stack[self.end] as u32).kind() else {
             unreachable!("a walk at a node visits it")
         };
         let leaf = bvh.leaf(first, count);
@@ -181,19 +190,18 @@ impl Walk {
     }
 }
 
-/// An integer that grows with `x`, from −∞ to ∞, and is never 0.
+/// A positive integer that does not fall where `x` grows. All negative numbers have the same.
 #[inline(always)]
-fn order(x: f32) -> u32 {
-    let bits = x.to_bits();
-    bits ^ (((bits as i32) >> 31) as u32 | 1 << 31)
+fn order(x: f32) -> i32 {
+    (x.to_bits() as i32).max(1)
 }
 
 /// Puts the entered children at the front of `room`.
 #[inline(always)]
 fn push<S: Simd>(simd: S, entered: mask32x8<S>, node: &Node, room: &mut [Entry]) {
     let (low, high) = node.children(simd).compress(entered).widen();
-    low.store_slice(&mut room[..4]);
-    high.store_slice(&mut room[4..]);
+    low.bitcast::<i64x4<S>>().store_slice(&mut room[..4]);
+    high.bitcast::<i64x4<S>>().store_slice(&mut room[4..]);
 }
 
 /// Puts the entered children at the front of `room`, farthest first.
@@ -206,13 +214,12 @@ fn push_far_to_near<S: Simd>(
     room: &mut [Entry],
 ) {
     // As `order` does.
-    let bits: u32x8<S> = near.bitcast();
-    let signs = (bits.bitcast::<i32x8<S>>() >> 31).bitcast::<u32x8<S>>();
-    let keys = (bits ^ (signs | u32x8::splat(simd, 1 << 31))).compress(entered);
+    let bits: i32x8<S> = near.bitcast();
+    let keys = bits.max(i32x8::splat(simd, 1)).bitcast::<u32x8<S>>().compress(entered);
     let children = node.children(simd).compress(entered);
     let pairs = |(low, high): (u32x8<S>, u32x8<S>)| {
         let ((a, b), (c, d)) = (low.split(), high.split());
-        [a, b, c, d].map(|pair| pair.bitcast::<u64x2<S>>())
+        [a, b, c, d].map(|pair| pair.bitcast::<i64x2<S>>())
     };
     let [a, b, c, d] = pairs((children.zip_low(keys), children.zip_high(keys)));
     let count = entered.to_bitmask().count_ones() as usize;
@@ -241,15 +248,16 @@ pub(super) fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
     mut walk: Walk,
     stack: &mut [Entry],
 ) -> Option<Hit> {
+    let mut child = walk.top(stack);
     loop {
-        let child = walk.next::<ANY>(stack);
-        if walk.is_over() {
-            return walk.hit();
-        }
         if child.is_leaf() {
             walk.visit_leaf::<S, K, ANY>(simd, bvh, stack);
         } else {
             walk.visit_node::<S, ANY>(simd, &bvh.nodes, stack);
+        }
+        child = walk.next::<ANY>(stack);
+        if child == OVER {
+            return walk.hit();
         }
     }
 }
@@ -266,17 +274,18 @@ pub(super) fn trace_to_stop<S: Simd, K: LeafKernel>(
     if !PreparedRay::can_hit(ray) {
         return None;
     }
-    let mut walk = Walk::new(ray, stack);
+    let mut walk = Walk::new(ray, stack, 0);
+    let mut child = walk.top(stack);
     loop {
-        let child = walk.next::<false>(stack);
-        if walk.is_over() {
-            return walk.hit();
-        }
         if child.is_leaf() {
             let (leaf, met) = walk.meet_leaf(simd, bvh, stack);
             walk.keep_nearest_stop(&leaf, &met, stops);
         } else {
             walk.visit_node::<S, false>(simd, &bvh.nodes, stack);
+        }
+        child = walk.next::<false>(stack);
+        if child == OVER {
+            return walk.hit();
         }
     }
 }
@@ -292,6 +301,6 @@ pub(super) fn trace_single<S: Simd, K: LeafKernel, const ANY: bool>(
     if !PreparedRay::can_hit(ray) {
         return None;
     }
-    let walk = Walk::new(ray, stack);
+    let walk = Walk::new(ray, stack, 0);
     walk_on::<S, K, ANY>(simd, bvh, walk, stack)
 }
