@@ -63,6 +63,12 @@ impl Walk {
         Child(stack[self.end - 1] as u32)
     }
 
+    /// The child below it, unless the walk is over.
+    #[inline(always)]
+    fn second(&self, stack: &[Entry]) -> Child {
+        Child(stack[self.end - 2] as u32)
+    }
+
     #[inline(always)]
     pub(super) fn hit(&self) -> Option<Hit> {
         if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
@@ -250,6 +256,7 @@ pub(super) fn walk_on<S: Simd, K: LeafKernel, const ANY: bool>(
 ) -> Option<Hit> {
     let mut child = walk.top(stack);
     loop {
+        bvh.prefetch(walk.second(stack));
         if child.is_leaf() {
             walk.visit_leaf::<S, K, ANY>(simd, bvh, stack);
         } else {
