@@ -74,7 +74,10 @@ impl Certificate {
             let numbers = batch * BATCH..(batch + 1) * BATCH;
             residuals(&paths, &points, numbers, irradiance)
         };
-        let squares: Vec<Rgb64> = (0..BATCHES).into_par_iter().flat_map_iter(of_batch).collect();
+        // Paths have four rays or less, for the most part.
+        let most = 4 * 2 * PATHS * BATCH;
+        let batches = (mesh.scene.affordable(1, BATCHES * most) / most).max(2);
+        let squares: Vec<Rgb64> = (0..batches).into_par_iter().flat_map_iter(of_batch).collect();
         let count = squares.len() as f64;
         let mean = squares.iter().sum::<Rgb64>() / count;
         let variance = squares.iter().map(|x| (x - mean).powf(2.0)).sum::<Rgb64>() / (count - 1.0);

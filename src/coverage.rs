@@ -18,6 +18,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The points tested on each patch are the centroids of its edges' 4-fold subdivision: 16.
 const FINENESS: u32 = 4;
 
+/// Rays from a point that is covered, and from a patch.
+const PROBES: u32 = 65;
+const MOST_RAYS: u32 = FINENESS.pow(2) * PROBES;
+
 /// Below this part of the scene's area a patch is tested at its centroid alone: no picture shows more.
 const SMALL: f64 = 1e-5;
 
@@ -59,7 +63,9 @@ pub(crate) struct Search<'a> {
     caster: &'a dyn RayCaster,
     mesh: &'a PatchMesh,
     small: f64,
-    has_black_sides: bool,
+    finest: u32,
+    /// Whether anything can be covered, and it can be afforded to look.
+    is_needed: bool,
 }
 
 /// One thread's buffers.
@@ -72,13 +78,20 @@ pub(crate) struct Work {
 impl<'a> Search<'a> {
     pub(crate) fn new(caster: &'a dyn RayCaster, mesh: &'a PatchMesh) -> Self {
         let has_black_sides = mesh.sides().len() < 2 * mesh.scene.triangles.len();
-        Search { caster, mesh, small: SMALL * mesh.scene.area(), has_black_sides }
+        let affordable = mesh.scene.affordable(mesh.len(), MOST_RAYS);
+        Search {
+            caster,
+            mesh,
+            small: SMALL * mesh.scene.area(),
+            finest: if affordable < MOST_RAYS { 1 } else { FINENESS },
+            is_needed: has_black_sides && affordable >= PROBES,
+        }
     }
 
     /// Sets the shares of the patches from `first` on. Returns the number of rays that it took.
     pub(crate) fn shares(&self, work: &mut Work, first: PatchId, shares: &mut [f32]) -> u64 {
         // Where no side is black, nothing is covered.
-        if !self.has_black_sides {
+        if !self.is_needed {
             shares.fill(1.0);
             return 0;
         }
@@ -111,7 +124,7 @@ impl<'a> Search<'a> {
     }
 
     fn fineness(&self, patch: PatchId) -> u32 {
-        if self.mesh.area(patch) < self.small { 1 } else { FINENESS }
+        if self.mesh.area(patch) < self.small { 1 } else { self.finest }
     }
 
     /// Whether any but the first of the directions shows something.

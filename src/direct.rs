@@ -27,9 +27,14 @@ pub(crate) struct DirectLight {
     /// From the surfaces that emit; `None` where the form factors carry their light.
     from_emitters: Option<Vec<Rgb64>>,
     from_sky: Option<Vec<Rgb64>>,
-    /// The luminance of the sum by eighths of the samples; `None` where a light has too few.
-    eighths: Option<Vec<[f32; EIGHTHS]>>,
+    eighths: Option<DirectEighths>,
     pub(crate) rays: u64,
+}
+
+/// The luminance of direct light per patch by eighths of its samples, in W·m⁻²; empty of lights that are not sampled.
+pub(crate) struct DirectEighths {
+    pub from_emitters: Vec<[f32; EIGHTHS]>,
+    pub from_sky: Vec<[f32; EIGHTHS]>,
 }
 
 impl DirectLight {
@@ -45,8 +50,8 @@ impl DirectLight {
         self.from_emitters.as_ref().map_or(Rgb64::ZERO, |light| light[i]) + self.of_sky(i)
     }
 
-    /// The luminance of the sum by eighths of the samples; `None` where a light has too few.
-    pub(crate) fn take_eighths(&mut self) -> Option<Vec<[f32; EIGHTHS]>> {
+    /// `None` where a light has too few samples.
+    pub(crate) fn take_eighths(&mut self) -> Option<DirectEighths> {
         self.eighths.take()
     }
 
@@ -61,16 +66,14 @@ impl DirectLight {
         seed: u64,
         progress: &dyn Progress,
     ) -> Result<DirectLight> {
-        let eighths = Some(vec![[0.0; EIGHTHS]; mesh.len()]);
-        let mut direct = DirectLight { eighths, ..DirectLight::default() };
-        let mut sample = |light: &dyn Light, samples, purpose| -> Result<Vec<Rgb64>> {
+        let mut rays = 0;
+        let mut sample = |light: &dyn Light, samples, purpose| {
             let estimator = Estimator::new(caster, mesh, samples, PointSet::Sobol, seed, progress);
-            let (light, eighths) = estimator.direct_by_eighths(light, purpose);
-            let are_known = samples >= EIGHTHS as u32;
-            direct.eighths = added(direct.eighths.take(), are_known.then_some(eighths));
-            direct.rays += estimator.rays();
-            if progress.is_stopped() { Err(Error::stopped()) } else { Ok(light) }
+            let found = estimator.direct_by_eighths(light, purpose);
+            rays += estimator.rays();
+            if progress.is_stopped() { Err(Error::stopped()) } else { Ok(found) }
         };
+        let sky_samples = mesh.scene.affordable(mesh.len(), SKY_SAMPLES);
         let from_emitters = match samples {
             0 => None,
             _ => {
@@ -80,22 +83,18 @@ impl DirectLight {
         };
         let from_sky = match mesh.scene.sky {
             Rgb::ZERO => None,
-            sky => Some(sample(&UniformSky::new(sky), SKY_SAMPLES, Purpose::Sky)?),
+            sky => Some(sample(&UniformSky::new(sky), sky_samples, Purpose::Sky)?),
         };
-        Ok(DirectLight { from_emitters, from_sky, ..direct })
+        let (from_emitters, of_emitters) = from_emitters.unzip();
+        let (from_sky, of_sky) = from_sky.unzip();
+        let suffice = |samples: u32| samples >= EIGHTHS as u32;
+        let are_known = (samples == 0 || suffice(samples)) && suffice(sky_samples);
+        let eighths = are_known.then(|| DirectEighths {
+            from_emitters: of_emitters.unwrap_or_default(),
+            from_sky: of_sky.unwrap_or_default(),
+        });
+        Ok(DirectLight { from_emitters, from_sky, eighths, rays })
     }
-}
-
-/// Both sums; `None` where one is not known.
-fn added(
-    one: Option<Vec<[f32; EIGHTHS]>>,
-    other: Option<Vec<[f32; EIGHTHS]>>,
-) -> Option<Vec<[f32; EIGHTHS]>> {
-    let (mut sum, other) = (one?, other?);
-    for (sum, other) in sum.as_flattened_mut().iter_mut().zip(other.as_flattened()) {
-        *sum += other;
-    }
-    Some(sum)
 }
 
 /// Directions to the sky that are tried from each patch.

@@ -100,6 +100,7 @@
 //! [`Transport`]: form_factor::Transport
 //! [`IrradianceField`]: field::IrradianceField
 
+pub mod balance;
 mod bench;
 pub mod bvh;
 pub mod certificate;

@@ -33,7 +33,12 @@ pub(crate) fn lit_sides(scene: &Scene, caster: &dyn RayCaster, seed: u64) -> Vec
     let mut sides = Sides::of_all(scene);
     leave_out_hidden(scene, &mut sides);
     let parts = connected(scene, &sides);
-    let walks = (WALKS_OF_ALL / parts.len().max(1)).clamp(FEWEST_WALKS, WALKS);
+    let of_all = scene.affordable(1, WALKS_OF_ALL as u32) as usize;
+    if of_all < WALKS_OF_ALL && of_all < 4 * parts.len() {
+        // A search would take too long; all sides have patches.
+        return sides;
+    }
+    let walks = (of_all / parts.len().max(1)).clamp(FEWEST_WALKS, WALKS);
     let search = Search { scene, caster, lights: &lights, seed, sides: &sides, walks };
     let dark: Vec<Vec<u32>> = parts.into_par_iter().filter(|part| !search.is_lit(part)).collect();
     for side in dark.into_iter().flatten() {

@@ -26,27 +26,26 @@ const DARK: f32 = 0.01;
 const SMALL: f64 = 0.01;
 const MOST_BOUNCES: usize = 64;
 
-/// The standard error of the luminance of each patch's irradiance, in W·m⁻²; empty where it has no bound. `direct`: the
-/// luminance of what arrives straight from lights by eighths of their samples; `rows` carry the light of the solution.
+/// The standard error of the luminance of each patch's irradiance, in W·m⁻²; empty where it has no bound. `light`: the
+/// luminance of the irradiance of each patch by eighths of its samples; `rows` carry the light of the solution.
 pub(crate) fn of(
-    mut direct: Vec<[f32; EIGHTHS]>,
+    mut light: Vec<[f32; EIGHTHS]>,
     rows: &dyn Eighths,
     problem: &Problem,
     solution: &Converged,
 ) -> Vec<f32> {
     let Some(left) = problem.left(solution) else { return Vec::new() };
-    let luminances: Vec<f32> = solution.radiosity.iter().map(|b| luminance64(*b) as f32).collect();
-    for (direct, reflected) in direct.iter_mut().zip(rows.apart(&luminances)) {
-        direct.iter_mut().zip(reflected).for_each(|(sum, reflected)| *sum += reflected);
-    }
-    let mean = |of: &[f32; EIGHTHS]| of.iter().sum::<f32>() / EIGHTHS as f32;
-    let light: Vec<f32> = direct.iter().map(mean).collect();
-    let own: Vec<[f32; EIGHTHS]> =
-        direct.iter().zip(&light).map(|(of, mean)| of.map(|light| light - mean)).collect();
-    drop(direct);
+    let mean = |of: &mut [f32; EIGHTHS]| {
+        let mean = of.iter().sum::<f32>() / EIGHTHS as f32;
+        of.iter_mut().for_each(|light| *light -= mean);
+        mean
+    };
+    let means: Vec<f32> = light.iter_mut().map(mean).collect();
+    let own = light;
     let grey: Vec<f32> = problem.reflectance.iter().map(|rho| luminance64(*rho) as f32).collect();
-    let Some(received) = received(&own, rows, &grey) else { return Vec::new() };
-    let mut errors = errors(&own, &received, &problem.areas, &light);
+    let slowest = problem.slowest(solution);
+    let Some(received) = received(&own, rows, &grey, slowest) else { return Vec::new() };
+    let mut errors = errors(&own, &received, &problem.areas, &means);
     for (error, irradiance) in errors.iter_mut().zip(&solution.irradiance) {
         let unsolved = (left * luminance64(*irradiance)) as f32;
         *error = error.hypot(unsolved).min(f32::MAX);
@@ -54,11 +53,13 @@ pub(crate) fn of(
     errors
 }
 
-/// What comes of the patches' own deviations at all patches; `None` where it does not die away.
+/// What comes of the patches' own deviations at all patches; `None` where it does not die away. Their sum, over all, dies
+/// away last, by the factor `slowest` per bounce or faster, and is small at first beside each.
 fn received(
     own: &[[f32; EIGHTHS]],
     rows: &dyn Eighths,
     reflectance: &[f32],
+    slowest: f64,
 ) -> Option<Vec<[f32; EIGHTHS]>> {
     let size = |of: &[[f32; EIGHTHS]]| -> f64 {
         of.as_flattened().iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt()
@@ -82,7 +83,8 @@ fn received(
         add(&mut sum, 1.0, &arrives);
         let before = std::mem::replace(&mut now, size(&arrives));
         rate = now / before;
-        if rate < 1.0 && now * rate / (1.0 - rate) <= SMALL * (of_own + size(&sum)) {
+        let factor = slowest.max(rate);
+        if factor < 1.0 && now * factor / (1.0 - factor) <= SMALL * (of_own + size(&sum)) {
             break;
         }
     }

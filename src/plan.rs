@@ -8,6 +8,7 @@ use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Split, Subdivision};
 use crate::progress::Progress;
 use crate::radiosity::{self, Choices, Method, Solver};
+use crate::sampling::PointSet;
 use crate::scene::{Document, Scene};
 use crate::settings::{PATCHES, Settings};
 use crate::solution::{Figures, PatchLight, Solution};
@@ -48,11 +49,25 @@ impl<'d> Plan<'d> {
             seed: settings.seed,
         };
         let of_document = |error: Error| error.in_file_if_none(&document.file);
-        let mut split = Subdivision::of(&settings.patches).split(scene).map_err(of_document)?;
+        let subdivision = match Subdivision::of(&settings.patches) {
+            Subdivision::Count(most) => Subdivision::Count(affordable_patches(scene, most)),
+            asked => asked,
+        };
+        let mut split = subdivision.split(scene).map_err(of_document)?;
         if settings.light.suit_two_levels(split.patches()) {
             settings.light.solver = Some(Solver::TwoLevel);
         }
-        let choices = Choices::new(&settings, scene).map_err(of_document)?;
+        let mut choices = Choices::new(&settings, scene).map_err(of_document)?;
+        let affordable = |usual| scene.affordable(split.patches() as usize, usual);
+        if settings.light.samples.is_none()
+            && choices.method == Method::Hemisphere
+            && choices.points != PointSet::Regular
+        {
+            choices.samples = affordable(choices.samples);
+        }
+        if settings.light.direct.is_none() {
+            choices.direct_samples = choices.direct_samples.min(affordable(choices.direct_samples));
+        }
         if choices.method == Method::Pairs {
             // A pair of clusters has no solid angle.
             split.cube = None;
@@ -160,6 +175,14 @@ impl<'d> Plan<'d> {
         };
         Ok((part, spent))
     }
+}
+
+/// Fewer patches than usual in a crowded scene, so that each of them has some rays.
+fn affordable_patches(scene: &Scene, usual: usize) -> usize {
+    const RAYS: u32 = 64;
+    const FEWEST: usize = 200;
+    let rays = scene.affordable(1, RAYS * usual as u32);
+    ((rays / RAYS) as usize).clamp(FEWEST, usual)
 }
 
 impl Solution {

@@ -1,6 +1,7 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
-use crate::color::{Rgb, Rgb64};
+use crate::balance::{self, Misfit};
+use crate::color::{Rgb, Rgb64, luminance64};
 use crate::direct::{DirectLight, SKY_SAMPLES};
 use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{
@@ -148,6 +149,8 @@ pub struct Radiosity {
     /// See [`Transport::reciprocity_defect`]; `None` where no matrix was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: Energy,
+    /// How far the power may fail to balance.
+    pub misfit: Misfit,
     pub rays: u64,
     pub transport_time: Duration,
     pub solve_time: Duration,
@@ -199,19 +202,23 @@ pub fn solve(
         Solver::Southwell => None,
         Solver::TwoLevel => return Err(Error::new("two levels for one set of patches")),
     };
-    let (transport_time, solution, reciprocity_defect, error) = match method {
+    let (transport_time, solution, reciprocity_defect, (error, by_samples)) = match method {
         Some(method) => {
             let matrix = matrix(&estimator, settings);
             go_on(progress)?;
             let transport_time = start.elapsed();
             let solution = problem.solve(&*matrix, method, settings.stop, progress)?;
-            let error = match (direct.take_eighths(), matrix.eighths()) {
-                (Some(direct), Some(by_rows)) => {
-                    patch_errors::of(direct, by_rows, &problem, &solution)
+            let errors = match (direct.take_eighths(), matrix.eighths()) {
+                (Some(eighths), Some(by_rows)) => {
+                    // Else the radiosity holds it.
+                    let apart = if direct.has_emitters() { &exitance[..] } else { &[] };
+                    let (light, by_samples) =
+                        balance::by_eighths(eighths, by_rows, &problem, &solution, apart);
+                    (patch_errors::of(light, by_rows, &problem, &solution), Some(by_samples))
                 }
-                _ => Vec::new(),
+                _ => (Vec::new(), None),
             };
-            (transport_time, solution, matrix.reciprocity_defect(), error)
+            (transport_time, solution, matrix.reciprocity_defect(), errors)
         }
         None => {
             let before = start.elapsed();
@@ -220,15 +227,22 @@ pub fn solve(
             let transport_time = before + clock.elapsed();
             // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
             let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
-            (transport_time, solution, reciprocity, Vec::new())
+            (transport_time, solution, reciprocity, (Vec::new(), None))
         }
     };
+    let iterations_leave =
+        solution.residuals.last().map_or(0.0, |last| last * luminance64(problem.source_power()));
     let light = balance(mesh, &exitance, &direct, solution, reciprocity_defect, |i| {
         row(&estimator, settings.method, i)
     });
     // Only now: the balance may have traced rows that shooting never needed.
     let rays = estimator.rays() + direct.rays;
-    let light = Radiosity { error, ..light };
+    let arrives = luminance64(light.energy.emitted + light.energy.from_sky)
+        / mesh.scene.metres_per_unit.powi(2);
+    let relative = |power: f64| if arrives > 0.0 { power / arrives } else { 0.0 };
+    let misfit =
+        Misfit { samples: by_samples.map(relative), iterations: relative(iterations_leave) };
+    let light = Radiosity { error, misfit, ..light };
     Ok(light.timed(rays, transport_time, start.elapsed() - transport_time))
 }
 
@@ -376,6 +390,7 @@ fn balance(
             .max(reception_sums.map_or(0.0, |sums| row_sum_defect(&sums))),
         reciprocity_defect,
         energy,
+        misfit: Misfit { samples: None, iterations: 0.0 },
         rays: 0,
         transport_time: Duration::ZERO,
         solve_time: Duration::ZERO,

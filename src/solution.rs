@@ -4,6 +4,7 @@
 //! scene, the subdivision, the irradiance of each patch. Saved, it is a `.light` file, which gives the same bits
 //! on every machine.
 
+use crate::balance::Misfit;
 use crate::certificate::Certificate;
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
@@ -69,6 +70,8 @@ pub struct Figures {
     /// See [`Radiosity::reciprocity_defect`].
     pub reciprocity_defect: Option<f64>,
     pub energy: Energy,
+    /// How far the power may fail to balance; in two levels that of the elements.
+    pub misfit: Misfit,
     /// Rays traced for the light.
     pub rays: u64,
     /// `None` where nothing is reflected, or where parts were joined by the library and not by `isolux join`.
@@ -80,7 +83,7 @@ const CERTIFICATE: u64 = 0x6365_7274;
 
 const SEAL: Seal = Seal {
     magic: b"isolux light\n",
-    version: 4,
+    version: 5,
     name: "light file",
     command: "isolux solve SCENE -o ROOM.light",
 };
@@ -296,6 +299,7 @@ impl Figures {
             mean_row_sum_defect: light.mean_row_sum_defect,
             reciprocity_defect: light.reciprocity_defect,
             energy: light.energy,
+            misfit: light.misfit,
             rays: light.rays,
             certificate: None,
         }
@@ -351,6 +355,7 @@ mod tests {
                 on_backs: None,
                 escaped: Rgb64::ONE,
             },
+            misfit: Misfit { samples: Some(0.01), iterations: 1e-4 },
             rays: 7,
             transport_time: Duration::ZERO,
             solve_time: Duration::ZERO,

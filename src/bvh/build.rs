@@ -15,6 +15,7 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, SortPrecision};
 use obvhs::splits::split_aabbs_precise;
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// The parts of a hierarchy.
 pub(super) struct Parts {
@@ -65,17 +66,109 @@ fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {
     // The builder's own list, so that there is no other beside it: nothing takes more memory than building.
     let mut builder = PlocBuilder::new();
     builder.current_nodes = leaves(triangles);
+    let copies = Copies::taken_from(&mut builder.current_nodes);
     let whole = builder.current_nodes.iter().fold(Aabb::empty(), |sum, of| sum.union(of.aabb()));
+    let half_areas = builder.current_nodes.iter().map(|leaf| f64::from(leaf.aabb().half_area()));
+    let overlap = half_areas.sum::<f64>() / f64::from(whole.half_area());
     let ids = builder.current_nodes.iter().map(|leaf| leaf.first_index).collect();
     let mut tree = Bvh2 { primitive_indices: ids, ..Bvh2::default() };
     builder.build_ploc_from_leaves::<SEARCH, false>(&mut tree, whole, SortPrecision::U64, 1);
     drop(builder);
     tree.uses_spatial_splits = true;
-    ReinsertionOptimizer::default().run(&mut tree, effort.reinsertion(), None);
+    if overlap <= MOST_OVERLAP {
+        ReinsertionOptimizer::default().run(&mut tree, effort.reinsertion(), None);
+    }
     // Else the next step would keep them up to date.
     tree.parents.clear();
     tree.reorder_in_stack_traversal_order();
+    copies.put_into(&mut tree);
     tree
+}
+
+/// Boxes that a line through all of them meets on average, up to which a tree is improved. Where more lie in one place,
+/// any tree is as good as another, and a search for a better place looks at all of them.
+const MOST_OVERLAP: f64 = 1000.0;
+
+/// Leaves with equal boxes. The builder joins boxes that find each other nearest, and of equal ones only few do, so that
+/// it would take a time that grows with the square of their number.
+#[derive(Default)]
+struct Copies {
+    /// By their box, the triangles of such leaves.
+    of: HashMap<Corners, Vec<u32>>,
+}
+
+/// The bits of a box.
+type Corners = [[u32; 3]; 2];
+
+fn corners_of(leaf: &Bvh2Node) -> Corners {
+    let Aabb { min, max } = *leaf.aabb();
+    [min.to_array(), max.to_array()].map(|corner| corner.map(f32::to_bits))
+}
+
+/// Buckets of boxes; and how many boxes may share one beyond twice the mean, before it is looked at whether they are
+/// equal.
+const BUCKETS: usize = 1 << 16;
+const FEW: usize = 64;
+
+impl Copies {
+    /// Takes all leaves but one of those with one box out of a list, where there are many.
+    fn taken_from(leaves: &mut Vec<Bvh2Node>) -> Copies {
+        let bucket = |leaf: &Bvh2Node| {
+            let mix = |mixed: u64, bits: &u32| {
+                (mixed.rotate_left(5) ^ u64::from(*bits)).wrapping_mul(0x517c_c1b7_2722_0a95)
+            };
+            (corners_of(leaf).as_flattened().iter().fold(0, mix) >> 48) as usize
+        };
+        let most = 2 * (leaves.len() / BUCKETS) + FEW;
+        if leaves.len() <= most {
+            return Copies::default();
+        }
+        let mut counts = vec![0u32; BUCKETS];
+        leaves.iter().for_each(|leaf| counts[bucket(leaf)] += 1);
+        if counts.iter().all(|count| *count as usize <= most) {
+            return Copies::default();
+        }
+        let mut of = HashMap::<Corners, Vec<u32>>::new();
+        leaves.retain(|leaf| {
+            if counts[bucket(leaf)] as usize <= most {
+                return true;
+            }
+            let all = of.entry(corners_of(leaf)).or_default();
+            all.push(leaf.first_index);
+            all.len() == 1
+        });
+        of.retain(|_, all| all.len() > 1);
+        Copies { of }
+    }
+
+    /// Makes of each leaf that stayed a balanced tree of all with its box. Its nodes come behind all others.
+    fn put_into(&self, tree: &mut Bvh2) {
+        if self.of.is_empty() {
+            return;
+        }
+        for number in 0..tree.nodes.len() {
+            let leaf = tree.nodes[number];
+            if let Some(all) = self.of.get(&corners_of(&leaf)).filter(|_| leaf.is_leaf()) {
+                grow(tree, number, *leaf.aabb(), all);
+            }
+        }
+    }
+}
+
+/// Makes of a leaf the root of a balanced tree over these triangles.
+fn grow(tree: &mut Bvh2, number: usize, bounds: Aabb, all: &[u32]) {
+    let mut work = vec![(number, all)];
+    while let Some((number, all)) = work.pop() {
+        if let [one] = all {
+            tree.nodes[number] = Bvh2Node::new(bounds, 1, *one);
+            continue;
+        }
+        let first = tree.nodes.len();
+        tree.nodes[number] = Bvh2Node::new(bounds, 0, first as u32);
+        tree.nodes.extend([Bvh2Node::new(bounds, 1, 0); 2]);
+        let (left, right) = all.split_at(all.len() / 2);
+        work.extend([(first, left), (first + 1, right)]);
+    }
 }
 
 /// How many boxes along a curve through space are tried as a box's partner, before and after it.
@@ -181,4 +274,28 @@ fn open(tree: &Bvh2, triangles: &[Triangle]) -> Parts {
         }
     }
     Parts { nodes, leaves: Leaves::new(triangles, &numbers, &counts), depth: deepest }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn equal_boxes_are_taken_out_and_come_back_as_a_balanced_tree() {
+        let one = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
+        // Another triangle with the same box, and one apart.
+        let other = Triangle::new(Vec3::X + Vec3::Y, Vec3::Y, Vec3::X);
+        let apart = Triangle::new(Vec3::Z, Vec3::Z + Vec3::X, Vec3::Z + Vec3::Y);
+        let mut triangles = vec![one; 1000];
+        triangles.extend(vec![other; 1000]);
+        triangles.push(apart);
+        let parts = build(&triangles, Effort::Thorough);
+        // log₂ 2000 binary levels and one above; a wide node holds one or more of them.
+        assert!(parts.depth <= 12, "{}", parts.depth);
+        let mut leaves = leaves(&triangles);
+        let copies = Copies::taken_from(&mut leaves);
+        let all = leaves.iter().map(|leaf| copies.of.get(&corners_of(leaf)).map_or(1, Vec::len));
+        assert_eq!(all.collect::<Vec<_>>(), [2000, 1]);
+    }
 }

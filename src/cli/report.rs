@@ -1,5 +1,6 @@
 //! The report of a run: a few lines for people, a JSON file for programs.
 
+use crate::balance::Misfit;
 use crate::certificate::Certificate;
 use crate::color::Rgb64;
 use crate::error::{Warning, in_one_line};
@@ -42,6 +43,8 @@ pub(super) struct Report {
     pub patch_error: Option<f32>,
     /// (absorbed + on backs + escaped) / (emitted + from the sky) − 1, of the channels' means.
     pub imbalance: f64,
+    /// How far that may be off: see [`Misfit`].
+    pub misfit: Misfit,
     /// The root mean square of the relative standard errors of the pixels, the largest of all gathered pictures; `null`
     /// where there is none.
     pub picture_error: Option<f32>,
@@ -78,6 +81,13 @@ pub(super) struct EnergyBalance {
 
 /// A larger share of the power than this should not be missing, or there too often.
 const BALANCED: f64 = 0.02;
+
+/// Standard errors within which the balance lies in all but one of a thousand runs, about: patches are many, but few of
+/// them may see what absorbs the light.
+const EXPLAINED: f64 = 5.0;
+
+/// What rounding and patches that others partly cover may leave of the power.
+const COVERED: f64 = 0.002;
 
 impl Seconds {
     /// Before anything is drawn. What is covered is found for the pictures' sake.
@@ -131,6 +141,7 @@ impl Report {
             certificate: solution.figures.certificate,
             patch_error: solution.relative_error(),
             imbalance: energy.imbalance(),
+            misfit: solution.figures.misfit,
             picture_error: None,
             exposure: None,
             exposures: Vec::new(),
@@ -145,15 +156,42 @@ impl Report {
         text.into_bytes()
     }
 
-    /// Says so if the power does not balance. What is off is noise, or light where no patches are.
+    /// Says so if the power does not balance, or balances by chance. What is off is noise, what iterations left, or light
+    /// where no patches are.
     pub(super) fn warning(&self) -> Option<Warning> {
-        (self.imbalance.abs() > BALANCED).then(|| {
-            Warning::new(format!(
-                "the power does not balance by {:+.1} %: take more samples (--samples, --direct) or smaller \
-                 patches (--max-edge)",
-                100.0 * self.imbalance
-            ))
-        })
+        let Misfit { samples, iterations } = self.misfit;
+        let off = format!("the power does not balance by {:+.1} %", 100.0 * self.imbalance);
+        let error = samples.map(|error| format!("its standard error is {:.1} %", 100.0 * error));
+        let explained = samples.unwrap_or(f64::INFINITY) * EXPLAINED + iterations + COVERED;
+        let more = "take more samples (--samples, --direct)";
+        let text = if iterations > 0.5 * self.imbalance.abs().max(BALANCED) {
+            format!(
+                "{off}, and iterations left {:.1} %: take more (--tolerance, --iterations)",
+                100.0 * iterations
+            )
+        } else if self.imbalance.abs() > BALANCED {
+            let error = error.map_or(String::new(), |error| format!(", {error}"));
+            format!("{off}{error}: {more} or smaller patches (--max-edge)")
+        } else if samples.is_some_and(|samples| 2.0 * samples > BALANCED) {
+            let error = error.unwrap_or_default();
+            format!(
+                "the power balances by chance, {error}: all light may be off by as much; {more}"
+            )
+        } else if self.imbalance.abs() > explained {
+            let error = error.unwrap_or_default();
+            format!("{off}, though {error}: light is lost or counted twice where surfaces overlap")
+        } else {
+            return None;
+        };
+        Some(Warning::new(text))
+    }
+
+    /// The standard error of the balance, in words.
+    fn within(&self) -> String {
+        match self.misfit.samples {
+            Some(error) => format!(" ± {:.3} %", 100.0 * error),
+            None => String::new(),
+        }
     }
 
     /// The few lines that end a run.
@@ -195,7 +233,7 @@ impl Report {
             line("on backs", watts(power));
         }
         line("escaped", watts(self.energy.escaped));
-        line("balance", format!("{:+.3} %", 100.0 * self.imbalance));
+        line("balance", format!("{:+.3} %{}", 100.0 * self.imbalance, self.within()));
         if let Some(Certificate { residual, bound }) = self.certificate {
             let bound = match bound {
                 Some(bound) => {

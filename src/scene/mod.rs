@@ -5,6 +5,7 @@ mod budget;
 pub mod camera;
 mod coincident;
 mod crossing;
+mod crowding;
 pub mod document;
 mod formats;
 mod gltf;
@@ -87,6 +88,9 @@ pub struct Scene {
     /// Filled by the first call of [`topology`](Self::topology).
     #[serde(skip)]
     pub known_topology: Arc<OnceLock<Topology>>,
+    /// Filled by the first call of `crowding`.
+    #[serde(skip)]
+    pub known_crowding: Arc<OnceLock<f64>>,
     /// Filled by the first call of [`overlaps`](Self::overlaps).
     #[serde(skip)]
     pub known_overlaps: Arc<OnceLock<Overlaps>>,
@@ -133,6 +137,7 @@ impl Scene {
             warnings: Vec::new(),
             files: Vec::new(),
             known_topology: Arc::default(),
+            known_crowding: Arc::default(),
             known_overlaps: Arc::default(),
         }
     }
@@ -219,6 +224,7 @@ impl Scene {
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
         scene.warnings.extend(scene.overlap_warnings());
+        scene.warnings.extend(scene.crowding_warning());
         Ok(scene)
     }
 

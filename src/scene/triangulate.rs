@@ -42,12 +42,7 @@ impl Triangulator {
     pub(super) fn triangulate(&mut self, polygon: &[DVec3], cuts: &mut Vec<Cut>) -> bool {
         if polygon.len() == 3 || !self.flatten(polygon) {
             cuts.extend(fan(polygon.len(), 0));
-            // Parts that run in opposite directions are of equal size.
-            let area = |cut: Cut| {
-                let [a, b, c] = cut.map(|k| polygon[k]);
-                (b - a).cross(c - a).length()
-            };
-            return polygon.len() > 3 && fan(polygon.len(), 0).any(|cut| area(cut) > 0.0);
+            return polygon.len() > 3 && self.crosses_in_its_largest_part(polygon);
         }
         if let Some(center) = self.fan_center() {
             cuts.extend(fan(polygon.len(), center));
@@ -66,6 +61,24 @@ impl Triangulator {
         // Earcut's triangles run counter-clockwise whatever its input, and so does `flat`.
         cuts.extend(self.corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]].map(|k| k as usize)));
         crosses
+    }
+
+    /// Whether a polygon whose Newell normal is zero crosses itself: its parts run in opposite directions and are of
+    /// equal size, as those of a bow tie, or it has no area and goes back the way that it came.
+    fn crosses_in_its_largest_part(&mut self, polygon: &[DVec3]) -> bool {
+        let normal = |cut: Cut| {
+            let [a, b, c] = cut.map(|k| polygon[k]);
+            (b - a).cross(c - a)
+        };
+        let normals = fan(polygon.len(), 0).map(normal);
+        let largest = normals.max_by(|a, b| a.length().total_cmp(&b.length()));
+        let Some(across) = largest.and_then(DVec3::try_normalize) else { return false };
+        let (x, y) = across.any_orthonormal_pair();
+        let size = polygon.iter().map(|p| p.distance(polygon[0])).fold(0.0, f64::max);
+        let flat = polygon.iter().map(|p| (*p - polygon[0]) / size).map(|p| [p.dot(x), p.dot(y)]);
+        self.flat.clear();
+        self.flat.extend(flat);
+        crossing::crosses_itself(&self.flat)
     }
 
     /// Projects the polygon into its plane, where it runs counter-clockwise; false where its

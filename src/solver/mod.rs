@@ -132,21 +132,24 @@ impl Problem {
     /// 1 / (1 − ρ_max) times as much; or, once residuals fall by one factor, the sum of a geometric series. `None`
     /// where neither is known.
     pub(crate) fn left(&self, solution: &Converged) -> Option<f64> {
-        let rate = match solution.residuals[..] {
-            [.., before, last] if solution.residuals.len() >= SETTLED && last < before => {
-                last / before
-            }
-            _ => 1.0,
-        };
-        let most = self.reflectance.iter().fold(0.0, |most: f64, rho| most.max(rho.max_element()));
         let last = solution.residuals.last().copied().filter(|last| *last > 0.0).unwrap_or(0.0);
         let found = self.power(solution.radiosity.iter().copied()).element_sum();
-        let source = self.power(self.source.iter().copied()).element_sum();
+        let source = self.source_power().element_sum();
         if found <= 0.0 || last == 0.0 {
             return Some(0.0);
         }
-        let amplification = 1.0 / (1.0 - most.min(rate));
+        let amplification = 1.0 / (1.0 - self.most_reflectance().min(rate(solution)));
         amplification.is_finite().then(|| last * amplification * source / found)
+    }
+
+    /// At most the factor, in [0, 1], by which one bounce leaves light, in the long run. An iteration that takes the
+    /// newest values does the work of two bounces, or less.
+    pub(crate) fn slowest(&self, solution: &Converged) -> f64 {
+        self.most_reflectance().min(rate(solution).sqrt())
+    }
+
+    fn most_reflectance(&self) -> f64 {
+        self.reflectance.iter().fold(0.0, |most: f64, rho| most.max(rho.max_element()))
     }
 
     /// Number of patches.
@@ -158,6 +161,11 @@ impl Problem {
         self.source.is_empty()
     }
 
+    /// Σ A·S per channel, in W·m⁻² times square units.
+    pub(crate) fn source_power(&self) -> Rgb64 {
+        self.power(self.source.iter().copied())
+    }
+
     /// Σ A·|x| per channel.
     fn power(&self, per_patch: impl Iterator<Item = Rgb64>) -> Rgb64 {
         self.areas.iter().zip(per_patch).map(|(area, x)| x.abs() * *area).sum()
@@ -167,7 +175,7 @@ impl Problem {
     fn residual(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> f64 {
         let left = (0..self.len())
             .map(|i| self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]);
-        relative(self.power(left), self.power(self.source.iter().copied()))
+        relative(self.power(left), self.source_power())
     }
 
     /// Refuses light that provably grows or stays: ρ ≥ 1 on patches that send each other all they have.
@@ -213,6 +221,14 @@ impl Problem {
             }
             failed.into_iter().for_each(|i| kept[i] = false);
         }
+    }
+}
+
+/// The factor by which the residual falls with each iteration; 1 where that is not known.
+fn rate(solution: &Converged) -> f64 {
+    match solution.residuals[..] {
+        [.., before, last] if solution.residuals.len() >= SETTLED && last < before => last / before,
+        _ => 1.0,
     }
 }
 

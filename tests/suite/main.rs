@@ -1,9 +1,11 @@
 //! What the library and the program do as a whole: one binary, a module for each module of `src`.
 
 mod bad_input;
+mod balance;
 mod bench;
 mod cases;
 mod cli;
+mod crowded;
 #[cfg(feature = "embree")]
 mod equivalence;
 mod fields;

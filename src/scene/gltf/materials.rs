@@ -54,6 +54,7 @@ pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -
         images,
         known: HashMap::new(),
         colored: colored(data.root),
+        unusable: Default::default(),
         budget: Budget::default(),
         other_sets: 0,
         white: 0,
@@ -61,6 +62,7 @@ pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -
     for (number, material) in data.root.materials.iter().enumerate() {
         reader.material(number, material, used[number]);
     }
+    reader.warn_of_unusable();
     reader.warn();
     reader.out
 }
@@ -133,6 +135,11 @@ fn image_of(root: &Root, info: &TextureInfo) -> Result<usize> {
     source.ok_or_else(|| Error::new("its picture is in a format that is not read"))
 }
 
+/// What may be unusable.
+const KINDS: [&str; 2] = ["texture", "image"];
+const TEXTURE: usize = 0;
+const IMAGE: usize = 1;
+
 struct Reader<'a> {
     path: &'a Path,
     data: &'a Data<'a>,
@@ -142,6 +149,8 @@ struct Reader<'a> {
     known: HashMap<(usize, [Wrap; 2]), TextureId>,
     /// Per material.
     colored: Vec<bool>,
+    /// What is said of textures and of images that cannot be used: of the first, and how many there are.
+    unusable: [(Option<String>, usize); 2],
     /// Of pictures that are made of others.
     budget: Budget,
     /// How many maps use other texture coordinates than their materials' first.
@@ -281,7 +290,7 @@ impl Reader<'_> {
     /// The number of a texture's image.
     fn image(&mut self, info: &TextureInfo) -> Option<usize> {
         let image = image_of(self.data.root, info);
-        image.map_err(|error| self.warn_of(&format!("texture {}", info.index), &error)).ok()
+        image.map_err(|error| self.count(TEXTURE, info.index, &error)).ok()
     }
 
     fn decoded(&mut self, image: usize) -> Option<Texture> {
@@ -289,19 +298,35 @@ impl Reader<'_> {
             return Some(texture.clone());
         }
         if let Some(Err(error)) = self.images.remove(&image) {
-            self.warn_of(&format!("image {image}"), &error);
+            self.count(IMAGE, image, &error);
         }
         None
     }
 
-    fn warn_of(&mut self, what: &str, error: &Error) {
+    /// Counts a texture or an image that cannot be used.
+    fn count(&mut self, kind: usize, number: usize, error: &Error) {
         let error = error.to_string();
         let cause = error.lines().next().unwrap_or_default();
-        let text = format!(
-            "{what} cannot be used: {cause}; the factor alone counts, and nothing is emitted or let \
-             through"
-        );
-        self.out.warnings.push(Warning::in_file(self.path, None, text));
+        let what = KINDS[kind];
+        let (first, count) = &mut self.unusable[kind];
+        first.get_or_insert_with(|| {
+            format!(
+                "{what} {number} cannot be used: {cause}; the factor alone counts, and nothing is emitted or \
+                 let through"
+            )
+        });
+        *count += 1;
+    }
+
+    /// One warning for all textures, and one for all images.
+    fn warn_of_unusable(&mut self) {
+        for (what, (first, count)) in KINDS.iter().zip(&mut self.unusable) {
+            let Some(mut text) = first.take() else { continue };
+            if *count > 1 {
+                text += &format!(" ({count} such {what}s in all)");
+            }
+            self.out.warnings.push(Warning::in_file(self.path, None, text));
+        }
     }
 
     /// One warning for all that a diffuse material leaves aside.

@@ -21,7 +21,7 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 /// Pairs that are looked at, and those of them that may overlap: per triangle, and beyond.
-const MOST_LOOKED_AT: (u64, u64) = (256, 30_000_000);
+const MOST_LOOKED_AT: (u64, u64) = (256, 4_000_000);
 const MOST_FOUND: (u64, u64) = (32, 1_000_000);
 
 /// Which triangles overlap others in their plane, and which of them are seen.

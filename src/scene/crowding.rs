@@ -1,0 +1,95 @@
+//! Scenes in which so many triangles lie in one place that every ray meets a large part of them.
+//!
+//! No hierarchy helps there: n triangles that share a place cost each ray a time that grows with n, and rays that grow
+//! with n as well would take n². So the light of such a scene is solved with fewer of them.
+
+use super::Scene;
+use crate::error::Warning;
+use crate::geometry::bounds::Bounds;
+use crate::geometry::{Triangle, TriangleId};
+
+/// Boxes along a line up to which a scene is an ordinary one: dense scans and trees have a few dozen.
+const CROWDED: f64 = 500.0;
+
+/// Boxes that the rays for one purpose may come to in a crowded scene, about: a few seconds on one thread.
+const MOST_TESTS: f64 = 2e9;
+
+/// How much longer a ray takes at a triangle that may let it through.
+const SEE_THROUGH: f64 = 10.0;
+
+impl Scene {
+    /// Boxes of triangles that a random line through the box around them all meets, in the mean: the share of lines that
+    /// meet a convex body is that of its surface (Crofton). See-through ones count more.
+    pub(crate) fn crowding(&self) -> f64 {
+        *self.known_crowding.get_or_init(|| {
+            let surface = |bounds: &Bounds| {
+                let d = bounds.diagonal().as_dvec3();
+                d.x * d.y + d.y * d.z + d.z * d.x
+            };
+            let weight = |number: usize| {
+                let triangle = TriangleId(number as u32);
+                let see_through = [false, true].iter().any(|is_back| {
+                    self.materials[self.material_on(triangle, *is_back).0 as usize].is_see_through()
+                });
+                if see_through { SEE_THROUGH } else { 1.0 }
+            };
+            let boxes = || self.triangles.iter().map(Triangle::bounds);
+            let whole = boxes().fold(Bounds::EMPTY, |whole, one| whole.with(&one));
+            let sum: f64 = boxes().enumerate().map(|(k, one)| surface(&one) * weight(k)).sum();
+            // Without a surface there is nothing to meet.
+            if sum > 0.0 { sum / surface(&whole) } else { 0.0 }
+        })
+    }
+
+    /// How many rays each of `count` things may have, of the `usual` number: that, but in a crowded scene.
+    pub(crate) fn affordable(&self, count: usize, usual: u32) -> u32 {
+        if self.crowding() <= CROWDED {
+            return usual;
+        }
+        let rays = MOST_TESTS / self.crowding() / count.max(1) as f64;
+        usual.min(rays as u32).max(1)
+    }
+
+    /// Says that little is spent on the light of a crowded scene.
+    pub(super) fn crowding_warning(&self) -> Option<Warning> {
+        (self.crowding() > CROWDED).then(|| {
+            Warning::new(
+                "hundreds of triangles lie along every line through the scene, which makes rays slow: its light \
+                 is solved with few samples and large patches, unless others are asked for (--samples, --direct, \
+                 --levels)",
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::geometry::Triangle;
+    use crate::scene::{Material, MaterialId, Scene};
+    use glam::Vec3;
+
+    fn stack(count: usize, opacity: f32) -> Scene {
+        let triangle = |k: usize| {
+            let z = Vec3::Z * (k as f32 / count as f32);
+            Triangle::new(z, Vec3::X + z, Vec3::Y + z)
+        };
+        let material = Material { opacity, ..Material::fallback() };
+        let triangles: Vec<Triangle> = (0..count).map(triangle).collect();
+        Scene::new(triangles, vec![MaterialId(0); count], vec![material])
+    }
+
+    #[test]
+    fn a_stack_has_the_crowding_of_its_faces_and_few_rays_for_many_patches() {
+        let scene = stack(9000, 1.0);
+        // Each box has the surface of two unit squares, that around all nearly of six.
+        assert!((scene.crowding() - 3000.0).abs() < 1.0, "{}", scene.crowding());
+        assert_eq!(scene.affordable(1, 128), 128);
+        assert_eq!(scene.affordable(18_000, 128), 37);
+        assert_eq!(scene.affordable(1_000_000_000, 128), 1);
+        assert_eq!(stack(9000, 0.5).affordable(18_000, 128), 3);
+        assert!(scene.crowding_warning().is_some());
+        let ordinary = stack(900, 1.0);
+        assert_eq!(ordinary.affordable(1_000_000_000, 128), 128);
+        assert!(ordinary.crowding_warning().is_none());
+    }
+}
