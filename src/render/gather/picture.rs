@@ -95,7 +95,9 @@ impl Picture {
         let wanted = |((sharp, _), error): ((Sharp, &[Spot]), f32)| {
             // The error of low-discrepancy points falls about as N^(−3/4).
             let more = (error / goal).powf(4.0 / 3.0).clamp(1.0, MOST_MORE);
-            ((sharp.samples * more) as u32).min(MOST_SAMPLES).max(least)
+            let wanted = ((sharp.samples * more) as u32).min(MOST_SAMPLES);
+            // No fewer than there are, even if the light is so bright that its error is no number.
+            wanted.max(least).max(sharp.samples as u32)
         };
         self.pixels().zip(errors).map(wanted).collect()
     }

@@ -18,6 +18,8 @@ const QUICK_ROUNDS: u32 = 3;
 /// Rounds of a picture with a goal, or until time is up.
 const MOST_ROUNDS: u32 = 6;
 const MOST_TIMED_ROUNDS: u32 = 30;
+/// No sample takes longer.
+const SLOWEST: Duration = Duration::from_secs(1 << 16);
 /// When fewer samples are wanted, as a share of those that there are, a picture is good enough.
 const FEW: f64 = 0.01;
 
@@ -75,9 +77,11 @@ impl Rounds {
     pub(super) fn is_of(&self, frame: &Frame) -> bool {
         let most = MOST_SAMPLES.max(fewest(frame));
         self.picture.is_of(frame, &self.wanted)
-            && self.wanted.iter().all(|&wanted| wanted <= most)
-            && self.round >= 1
-            && self.goal > 0.0
+            && self.wanted.iter().all(|wanted| (fewest(frame)..=most).contains(wanted))
+            && (1..=MOST_TIMED_ROUNDS).contains(&self.round)
+            && (f32::MIN_POSITIVE..=f32::MAX).contains(&self.goal)
+            && self.per_sample <= SLOWEST
+            && self.rays <= u64::MAX / 2
     }
 
     /// Fits what another run left into this one's time.
@@ -262,5 +266,76 @@ fn fit(counts: &[u32], wanted: &mut [u32], left: Duration, per_sample: Duration)
     let share = left.as_secs_f64() / needed.as_secs_f64();
     for (count, wanted) in counts.iter().zip(wanted) {
         *wanted = count + (f64::from(*wanted - count) * share) as u32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Gathered;
+    use super::*;
+    use crate::bvh::Bvh;
+    use crate::color::Rgb;
+    use crate::geometry::shapes::{cube, inside_out};
+    use crate::patches::{PatchMesh, Subdivision};
+    use crate::scene::{Camera, Material, MaterialId, Scene};
+    use glam::{DVec3, Vec3};
+    use std::sync::Arc;
+
+    /// Takes up mutations of what a picture keeps on its way: each is refused, or comes to a picture.
+    #[test]
+    fn whatever_was_kept_a_picture_comes_to_its_end() {
+        let lamp = Material { radiance: Rgb::ONE, ..Material::fallback() };
+        let room = inside_out(cube(Vec3::ZERO, 1.0));
+        let scene = Scene::new(room, vec![MaterialId(0); 12], vec![lamp]);
+        let mesh = Arc::new(PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap());
+        let (irradiance, uncovered) = (vec![Rgb::ONE; mesh.len()], vec![1.0; mesh.len()]);
+        let light = Gathered::new(&mesh, &irradiance, &uncovered);
+        let caster = Bvh::build(scene.triangles.clone());
+        let camera = Camera::new(DVec3::splat(0.4), DVec3::ONE, Vec3::Y, 60.0, 0.0).unwrap();
+        let frame = Frame { samples: 4, ..Frame::new(4, 3) };
+        let begin = || light.begin(&caster, camera.placed(DVec3::ZERO), &frame);
+
+        let mut kept: Vec<Vec<u8>> = Vec::new();
+        let mut drawing = begin();
+        while !drawing.go_on(Some(Instant::now()), &()) {
+            kept.push(postcard::to_stdvec(drawing.rounds()).unwrap());
+        }
+        assert!(kept.len() > 2, "it was left on its way");
+        let whole = drawing.image().unwrap().pixels;
+        let (mut random, mut taken_up) = (fastrand::Rng::with_seed(1), 0);
+        for number in 0..4000 {
+            let mut bytes = kept[number % kept.len()].clone();
+            // The first are as they were kept.
+            if number >= kept.len() {
+                for _ in 0..random.usize(1..4) {
+                    forge(&mut bytes, &mut random);
+                }
+            }
+            let Ok(rounds) = postcard::from_bytes::<Rounds>(&bytes) else { continue };
+            let mut drawing = begin();
+            if drawing.take_up(rounds) {
+                taken_up += 1;
+                assert!(drawing.go_on(None, &()));
+                let pixels = drawing.image().unwrap().pixels;
+                assert_eq!(pixels.len(), whole.len());
+                assert!(number >= kept.len() || pixels == whole);
+            }
+        }
+        assert!((kept.len() + 50..3500).contains(&taken_up), "{taken_up} were taken up");
+    }
+
+    fn forge(bytes: &mut [u8], random: &mut fastrand::Rng) {
+        let telling = [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e38, 1e-45, 1.0];
+        let number = telling[random.usize(0..telling.len())].to_le_bytes();
+        let at = random.usize(0..bytes.len());
+        match random.usize(0..3) {
+            0 => bytes[at..].iter_mut().zip(number).for_each(|(byte, new)| *byte = new),
+            1 => bytes[at] = random.u8(..),
+            // The wanted samples, the round, the goal and the times are at the end.
+            _ => {
+                let near_end = bytes.len() - 1 - random.usize(0..bytes.len().min(40));
+                bytes[near_end] = [0, 1, 0x7f, 0xff][random.usize(0..4)];
+            }
+        }
     }
 }

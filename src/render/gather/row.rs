@@ -59,6 +59,19 @@ impl Sharp {
     }
 }
 
+impl Sharp {
+    /// Whether these can be sums over one sample or more.
+    fn is_possible(&self) -> bool {
+        let Sharp { radiance, samples, squares, reflecting, reflecting_samples, misses, .. } =
+            *self;
+        let (radiance, others) =
+            (radiance.to_array(), [squares, reflecting, reflecting_samples, misses]);
+        let sums = [&radiance[..], &others, &self.quarters, &self.of_quarters];
+        (1.0..=f32::MAX).contains(&samples)
+            && sums.into_iter().flatten().all(|x| (0.0..=f32::MAX).contains(x))
+    }
+}
+
 /// A row of pixels.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Row {
@@ -88,7 +101,8 @@ impl Row {
         let is_empty = self.sharp.is_empty() && self.ends.is_empty() && self.spots.is_empty();
         let is_full = self.sharp.len() == width
             && self.ends.len() == width
-            && self.sharp.iter().all(|sharp| sharp.samples >= 1.0)
+            && self.sharp.iter().all(Sharp::is_possible)
+            && self.spots.iter().all(Spot::is_possible)
             && self.ends.is_sorted()
             && self.ends.last().is_none_or(|&end| end as usize == self.spots.len());
         is_empty || is_full

@@ -54,6 +54,17 @@ impl Spot {
         spot
     }
 
+    /// Whether these can be sums over one sample or more, each of which has rays.
+    pub(super) fn is_possible(&self) -> bool {
+        let [reflectance, light] = [self.reflectance, self.light].map(|rgb| rgb.to_array());
+        let sums = [&reflectance[..], &self.reflecting, &light, &self.quarters, &self.rays];
+        self.position.is_finite()
+            && self.normal.is_finite()
+            && sums.into_iter().flatten().chain([&self.even]).all(|x| (0.0..=f32::MAX).contains(x))
+            && (1.0..=f32::MAX).contains(&self.samples)
+            && self.rays.iter().any(|&rays| rays >= 1.0)
+    }
+
     /// The mean place.
     pub(super) fn position(&self) -> Vec3 {
         self.position / self.samples
