@@ -11,6 +11,7 @@ mod equivalence;
 mod fields;
 mod form_factor;
 mod formats;
+mod fuzz;
 mod hostile;
 mod intervals;
 mod overlaps;
