@@ -7,7 +7,7 @@
 //! Numbers are little-endian and floats are stored as their bits.
 
 use crate::error::{Error, Result};
-use crate::scene::text::read_bytes;
+use crate::scene::text::read_bytes_if;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
@@ -73,7 +73,7 @@ impl Seal {
     /// # Errors
     /// A file that cannot be read.
     pub(crate) fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        read_bytes(path).map_err(|error| {
+        read_bytes_if(path, |head| head.starts_with(self.magic)).map_err(|error| {
             Error::io(path, &format!("read the {}", self.name), &error).remedy("check the path")
         })
     }

@@ -4,7 +4,7 @@ use super::camera::is_view_name;
 use super::formats::is_model;
 use super::overrides::{MaterialOverride, change_matching};
 use super::read::refusal;
-use super::text::{LARGEST, decode, read_bytes};
+use super::text::{LARGEST, decode, read_text_bytes};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -228,7 +228,7 @@ impl Document {
     }
 
     fn read(path: &Path) -> Result<Document> {
-        let bytes = read_bytes(path).map_err(|error| {
+        let bytes = read_text_bytes(path).map_err(|error| {
             Error::io(path, "read the description", &error)
                 .remedy("check the path and its permissions")
         })?;

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::fs;
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -18,6 +18,19 @@ const HEAD: usize = 4096;
 /// The bytes of a regular file. Directories are refused, and pipes, devices and what the kernel answers itself
 /// too, since reading one of those may never end; and so is what does not fit into memory.
 pub(crate) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
+    read_bytes_if(path, |_| true)
+}
+
+/// As [`read_bytes`], of a text: one whose beginning is binary is not read further, and [`decode`] refuses it.
+pub(in crate::scene) fn read_text_bytes(path: &Path) -> io::Result<Vec<u8>> {
+    read_bytes_if(path, |head| utf_16(head).is_some() || !is_binary(head))
+}
+
+/// As [`read_bytes`], but only the beginning where that is not plausible.
+pub(crate) fn read_bytes_if(
+    path: &Path,
+    is_plausible: impl Fn(&[u8]) -> bool,
+) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?;
     if kind.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a directory"));
@@ -25,10 +38,15 @@ pub(crate) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     if !is_ordinary(path) {
         return Err(io::Error::other("it is not a regular file"));
     }
-    if memory::available().is_some_and(|available| kind.len() > available) {
-        return Err(io::Error::other("it is larger than the memory that there is"));
+    let (mut file, mut bytes) = (fs::File::open(path)?, Vec::new());
+    file.by_ref().take(HEAD as u64).read_to_end(&mut bytes)?;
+    if is_plausible(&bytes) {
+        memory::check("it", kind.len(), memory::available(), "")
+            .map_err(|error| io::Error::other(error.cause().to_string()))?;
+        // Less may come than was there: a file may shrink meanwhile.
+        file.read_to_end(&mut bytes)?;
     }
-    fs::read(path)
+    Ok(bytes)
 }
 
 /// Whether it is a file whose bytes lie on a disk or in memory.

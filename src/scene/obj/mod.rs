@@ -20,7 +20,7 @@ use super::model::Model;
 use super::triangulate::{Crossings, Triangulator};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::scene::text::{decode, read_bytes};
+use crate::scene::text::{decode, read_text_bytes};
 use glam::DVec3;
 use mtl_files::read_library;
 use mtl_materials::{Materials, Role, materials};
@@ -71,7 +71,7 @@ fn text_of(path: &Path) -> Result<String> {
     if path.as_os_str().is_empty() {
         return Err(Error::new("the path of the model is empty").remedy("name an OBJ file"));
     }
-    let bytes = read_bytes(path).map_err(|error| {
+    let bytes = read_text_bytes(path).map_err(|error| {
         Error::io(path, "read the model", &error).remedy("check the path and its permissions")
     })?;
     decode(bytes, path, "OBJ")

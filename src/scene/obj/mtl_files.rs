@@ -7,7 +7,7 @@ use super::ignored::default_stated;
 use super::mtl_reader::Library;
 use super::reader::ObjFile;
 use crate::error::Warning;
-use crate::scene::text::{decode, quote, read_bytes, words};
+use crate::scene::text::{decode, quote, read_text_bytes, words};
 
 /// Reads the materials of the OBJ file at `path`; warnings are added to those of `obj`.
 ///
@@ -22,7 +22,7 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
             if !seen.insert(file.clone()) {
                 continue;
             }
-            match read_bytes(&file) {
+            match read_text_bytes(&file) {
                 Ok(bytes) => {
                     library.files.push(file.clone());
                     match decode(bytes, &file, "MTL") {
