@@ -8,16 +8,28 @@ pub(crate) fn available() -> Option<u64> {
     system.refresh_memory();
     let free = system.available_memory();
     let allowed = system.cgroup_limits().map_or(u64::MAX, |limits| limits.free_memory);
-    let limit = address_space().unwrap_or(u64::MAX);
-    (free > 0).then_some(free.min(allowed).min(limit))
+    let limit = limited().unwrap_or(u64::MAX);
+    (free > 0 || limit < u64::MAX).then_some(match free {
+        0 => limit,
+        _ => free.min(allowed).min(limit),
+    })
 }
 
-/// What `ulimit -v` leaves of the address space, in bytes; `None` without a limit, and except on Linux.
-fn address_space() -> Option<u64> {
+/// Bytes that are left for what is too small to be counted, where the system limits a process.
+const KEPT_BACK: u64 = 16 << 20;
+
+/// What `ulimit -v` and `ulimit -d` leave, in bytes; `None` without a limit, and except on Linux.
+fn limited() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
-    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
-    let limit: u64 = line.split_whitespace().next()?.parse().ok()?;
-    Some(limit.saturating_sub(status("VmSize:")?))
+    let left = |(limit, used)| {
+        let line = limits.lines().find_map(|line| line.strip_prefix(limit))?;
+        let limit: u64 = line.split_whitespace().next()?.parse().ok()?;
+        Some(limit.saturating_sub(status(used)? + KEPT_BACK))
+    };
+    [("Max address space", "VmSize:"), ("Max data size", "VmData:")]
+        .into_iter()
+        .filter_map(left)
+        .min()
 }
 
 /// An amount of memory in this process's status, in bytes; `None` except on Linux.
@@ -33,21 +45,24 @@ pub(crate) fn peak() -> Option<u64> {
     status("VmHWM:")
 }
 
-/// Refuses `what` if it needs more than `limit` bytes.
+/// Refuses `what` if it needs more than `limit` bytes, or more than the system gives, whatever it says.
 ///
 /// # Errors
 /// An error of kind [`ErrorKind::Memory`], with both numbers and the caller's remedy.
 pub(crate) fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
-    match limit {
-        Some(limit) if bytes > limit => Err(Error::new(format!(
-            "{what} needs {}, and {} may be used",
-            indicatif::BinaryBytes(bytes),
-            indicatif::BinaryBytes(limit)
-        ))
-        .of_kind(ErrorKind::Memory)
-        .remedy(remedy)),
-        _ => Ok(()),
-    }
+    let may_be_used = match limit {
+        Some(limit) if bytes > limit => format!("{} may be used", indicatif::BinaryBytes(limit)),
+        _ if can_be_had(bytes) => return Ok(()),
+        _ => "the system does not give that much".into(),
+    };
+    let needed = indicatif::BinaryBytes(bytes);
+    let error = Error::new(format!("{what} needs {needed}, and {may_be_used}"));
+    Err(error.of_kind(ErrorKind::Memory).remedy(remedy))
+}
+
+/// Asks for memory and gives it back untouched.
+fn can_be_had(bytes: u64) -> bool {
+    usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
 }
 
 #[cfg(test)]
@@ -61,6 +76,8 @@ mod tests {
         let error = check("a matrix", 3 << 30, Some(1 << 30), "use less").unwrap_err().to_string();
         assert!(error.contains("3.00 GiB") && error.contains("1.00 GiB"), "{error}");
         assert!(error.contains("use less"));
+        let error = check("a matrix", 1 << 62, None, "").unwrap_err().to_string();
+        assert!(error.contains("does not give that much"), "{error}");
     }
 
     #[cfg(target_os = "linux")]
