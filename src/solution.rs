@@ -8,7 +8,7 @@ use crate::balance::Misfit;
 use crate::certificate::Certificate;
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
-use crate::export::file::{Output, write_all};
+use crate::export::file::{Inputs, Output, write_all};
 use crate::export::sealed::Seal;
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh, Sides, Split};
@@ -211,7 +211,8 @@ impl Solution {
     /// # Errors
     /// Whatever the system says.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        write_all(vec![Output { path: path.as_ref().to_path_buf(), bytes: self.to_bytes() }])
+        let output = Output { path: path.as_ref().to_path_buf(), bytes: self.to_bytes() };
+        write_all(vec![output], &Inputs::default())
     }
 
     /// The bytes of a `.light` file.

@@ -1,7 +1,7 @@
 //! The arguments of `isolux render` and `isolux solve`.
 
 use crate::color::Rgb;
-use crate::error::{Error, Result};
+use crate::error::{Error, ErrorKind, Result};
 use crate::geometry::KernelKind;
 use crate::render::{Background, Frame};
 use crate::scene::Camera;
@@ -264,9 +264,13 @@ impl RunArguments {
         if let Some(threads) = self.threads {
             pool = pool.num_threads(threads as usize);
         }
-        let pool =
-            pool.build().map_err(|e| Error::new(format!("cannot start the threads: {e}")))?;
-        pool.install(work)
+        let failed = |e| {
+            let error = Error::new(format!("cannot start the threads: {e}"));
+            error
+                .of_kind(ErrorKind::System)
+                .remedy("start fewer, such as --threads 1, or allow more memory")
+        };
+        pool.build().map_err(failed)?.install(work)
     }
 }
 

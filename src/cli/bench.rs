@@ -7,7 +7,7 @@ use crate::bench::rays::Workload;
 use crate::bench::scenes::{BenchScene, BuiltIn};
 use crate::bvh::Bvh;
 use crate::error::{Error, Result};
-use crate::export::file::{Output, check_writable, write_all};
+use crate::export::file::{Inputs, Output, check_writable, write_all};
 use crate::geometry::{MollerTrumbore, Ray};
 use crate::patches::Sides;
 use crate::progress::{self, Progress};
@@ -57,14 +57,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let pools = arguments.threads.iter().map(|&n| pool(n)).collect::<Result<Vec<_>>>()?;
 
     let mut report = Report { oracle: oracle()?, ..Report::default() };
+    let mut inputs = Inputs::default();
     for scene in &scenes {
-        let stage = stage(scene, arguments.seed)?;
+        let stage = stage(scene, arguments.seed, &mut inputs)?;
+        inputs.check_distinct(arguments.json.as_deref().as_slice())?;
         measure(&stage, &pools, arguments, &mut report)?;
     }
     if let Some(path) = &arguments.json {
         let mut text = serde_json::to_string_pretty(&report).expect("plain numbers and strings");
         text.push('\n');
-        write_all(vec![Output { path: path.clone(), bytes: text.into_bytes() }])?;
+        write_all(vec![Output { path: path.clone(), bytes: text.into_bytes() }], &inputs)?;
     }
     say(&report.to_text())
 }
@@ -75,12 +77,15 @@ fn pool(threads: u32) -> Result<ThreadPool> {
 }
 
 /// A built-in scene by its name, or a file.
-fn stage(scene: &Path, seed: u64) -> Result<BenchScene> {
+/// A scene's hierarchy; what was read for it is added to `inputs`.
+fn stage(scene: &Path, seed: u64, inputs: &mut Inputs) -> Result<BenchScene> {
     if let Some(built_in) = BuiltIn::ALL.into_iter().find(|b| Path::new(b.name()) == scene) {
         return Ok(built_in.scene(seed));
     }
     let description = Document::open(scene)?;
     let loaded = Scene::load(&description)?;
+    inputs.extend(&description.inputs());
+    inputs.extend(&loaded.files);
     warn(&loaded.warnings);
     let caster = Bvh::<MollerTrumbore>::build(loaded.triangles.clone());
     let camera = description.view(&loaded, &Sides::of_all(&loaded), &caster);

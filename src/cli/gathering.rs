@@ -3,7 +3,7 @@
 use super::partial::{ANEW, Partial};
 use super::progress::Bars;
 use crate::error::{Error, Result};
-use crate::export::file::{Output, write_all};
+use crate::export::file::{Inputs, Output, write_all};
 use crate::export::picture::Format;
 use crate::export::sealed::Seal;
 use crate::geometry::KernelKind;
@@ -24,6 +24,8 @@ const SEAL: Seal = Seal {
 /// How a picture is drawn.
 pub(super) struct Gathering<'a> {
     pub output: &'a Path,
+    /// What must not be overwritten.
+    pub inputs: &'a Inputs,
     /// See [`fingerprint`].
     pub fingerprint: u32,
     /// Go on with what was kept.
@@ -36,27 +38,36 @@ pub(super) struct Gathering<'a> {
 }
 
 impl Gathering<'_> {
-    /// Draws to the end, or until interrupted. What was done by then is kept.
+    /// Draws to the end, or until interrupted: what was done by then is kept, at once and when it is a picture. Returns
+    /// the picture, and the partial file of an interrupted one.
     ///
     /// # Errors
-    /// What was kept is of another picture or damaged, and whatever the system says.
-    pub(super) fn draw(&self, mut drawing: Drawing, bars: &Bars) -> Result<Image> {
+    /// What was kept is of another picture or damaged, and whatever the system says of previews.
+    pub(super) fn draw(
+        &self,
+        mut drawing: Drawing,
+        bars: &Bars,
+    ) -> Result<(Image, Option<Partial>)> {
         let mut partial = Partial::of(self.output);
         if self.resume && partial.path().exists() {
             self.take_up(&mut drawing, partial.path())?;
         }
         let after = |since: Instant| self.preview.map(|every| since + every);
         let mut preview = after(Instant::now());
+        let mut was_interrupted = false;
         loop {
             let until = preview.map_or(partial.due(), |preview| preview.min(partial.due()));
             let is_over = drawing.go_on(Some(until), bars);
-            if bars.was_interrupted() || partial.is_due() || (is_over && self.keep) {
+            let is_interrupted = bars.was_interrupted();
+            let is_new = is_interrupted != was_interrupted;
+            was_interrupted = is_interrupted;
+            if is_new || partial.is_due() || is_over && (is_interrupted || self.keep) {
                 let bytes = SEAL.close(&(self.fingerprint, drawing.rounds()));
-                write_all(vec![Output { path: partial.path().to_path_buf(), bytes }])?;
-                partial.has_kept();
+                partial.keep(bytes, self.inputs);
             }
             if is_over {
-                return Ok(drawing.image().expect("nothing ends a picture before it is one"));
+                let image = drawing.image().expect("nothing ends a picture before it is one");
+                return Ok((image, is_interrupted.then_some(partial)));
             }
             if preview.is_some_and(|preview| Instant::now() >= preview) {
                 self.show(drawing.image())?;
@@ -85,7 +96,7 @@ impl Gathering<'_> {
     fn show(&self, image: Option<Image>) -> Result<()> {
         let Some(image) = image else { return Ok(()) };
         let bytes = Format::of(self.output)?.encode(&image, (self.exposure)(&image))?;
-        write_all(vec![Output { path: self.output.to_path_buf(), bytes }])
+        write_all(vec![Output { path: self.output.to_path_buf(), bytes }], self.inputs)
     }
 }
 

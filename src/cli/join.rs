@@ -5,10 +5,10 @@ use super::say;
 use super::solve::check_light;
 use crate::bvh::Tracer;
 use crate::error::Result;
-use crate::export::file::{check_distinct, check_writable};
+use crate::export::file::{Inputs, Output, check_writable, write_all};
 use crate::plan::Spent;
 use crate::two_level::{self, Part};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Put the parts of a scene's light together: the result has the bits of one run
@@ -27,13 +27,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
     check_light(&arguments.output)?;
     check_writable(&arguments.output)?;
-    let inputs: Vec<&Path> = arguments.parts.iter().map(PathBuf::as_path).collect();
-    check_distinct(&[&arguments.output], &inputs)?;
+    let mut inputs = Inputs::default();
+    inputs.extend(&arguments.parts);
+    inputs.check_distinct(&[&arguments.output])?;
     let parts = arguments.parts.iter().map(Part::load).collect::<Result<_>>()?;
     let mut solution = two_level::join(parts)?;
     let rays = solution.certify(&Tracer::build(solution.scene()));
     let seconds = Seconds::new(start.elapsed(), Duration::ZERO, &Spent::default());
-    solution.save(&arguments.output)?;
+    let output = Output { path: arguments.output.clone(), bytes: solution.to_bytes() };
+    write_all(vec![output], &inputs)?;
     let mut report = Report::new(&solution, seconds, [arguments.output.as_path()]);
     report.rays = solution.figures.rays + rays;
     report.seconds.total = start.elapsed().as_secs_f64();

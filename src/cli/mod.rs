@@ -10,6 +10,7 @@ mod pictures;
 mod progress;
 mod render;
 mod report;
+mod signals;
 mod solve;
 mod verify;
 
@@ -36,9 +37,10 @@ enum Command {
     Bench(bench::Arguments),
 }
 
-/// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input, 130 for a picture
-/// that was interrupted.
+/// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input, 128 and the number of a
+/// signal for what that signal interrupted.
 pub fn run() -> ExitCode {
+    signals::watch();
     let command = match Cli::try_parse() {
         Ok(cli) => cli.command,
         Err(error) => return answer(&error),
@@ -79,7 +81,7 @@ fn flags_for(kind: ErrorKind) -> &'static str {
         ErrorKind::Patches => "  flags: raise --max-edge or lower --levels\n",
         ErrorKind::Memory => {
             "  flags: raise --max-edge or lower --levels or --samples, use --form-factors \
-             hemisphere, --solver two-level or --solver southwell\n"
+             hemisphere, --solver two-level or --solver southwell; each of --threads takes some, too\n"
         }
         ErrorKind::Divergence => "  flags: --tolerance, --samples, --form-factors hemisphere\n",
         _ => "",
@@ -89,7 +91,7 @@ fn flags_for(kind: ErrorKind) -> &'static str {
 fn dispatch(command: Command) -> Result<ExitCode> {
     match command {
         Command::Render(arguments) => render::run(&arguments),
-        Command::Solve(arguments) => solve::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Solve(arguments) => solve::run(&arguments),
         Command::Join(arguments) => join::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Info(arguments) => info::run(&arguments).map(|()| ExitCode::SUCCESS),
         Command::Verify(arguments) => verify::run(&arguments),

@@ -1,6 +1,8 @@
 //! What a long run has done so far, kept beside its output so that it can be gone on with.
 
-use crate::error::{Error, Result};
+use super::warn;
+use crate::error::{Error, Result, Warning};
+use crate::export::file::{Inputs, Output, write_all};
 use crate::two_level::Part;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -14,14 +16,16 @@ pub(super) const ANEW: &str = "delete it, and leave out --resume, to begin anew"
 /// The file FILE.partial of an output FILE.
 pub(super) struct Partial {
     path: PathBuf,
+    /// When it was tried the last time.
     kept: Instant,
+    has_failed: bool,
 }
 
 impl Partial {
     pub(super) fn of(output: &Path) -> Partial {
         let mut path = output.as_os_str().to_owned();
         path.push(".partial");
-        Partial { path: path.into(), kept: Instant::now() }
+        Partial { path: path.into(), kept: Instant::now(), has_failed: false }
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -50,17 +54,27 @@ impl Partial {
         self.path.exists().then(load).transpose()
     }
 
-    /// Keeps what is done, if it is time.
-    ///
-    /// # Errors
-    /// Whatever the system says.
-    pub(super) fn keep(&mut self, part: &Part) -> Result<()> {
-        if !self.is_due() || part.is_finished() {
-            return Ok(());
+    /// Keeps what is done. Where that fails, for example since the disk is full, the run goes on without: a warning
+    /// says so the first time.
+    pub(super) fn keep(&mut self, bytes: Vec<u8>, inputs: &Inputs) {
+        let output = Output { path: self.path.clone(), bytes };
+        let kept = write_all(vec![output], inputs);
+        self.kept = Instant::now();
+        match kept {
+            Ok(()) => self.has_failed = false,
+            Err(_) if self.has_failed => {}
+            Err(error) => {
+                self.has_failed = true;
+                let text =
+                    format!("{}; the run goes on, and what it has done is not kept", error.cause());
+                warn(&[Warning::in_file(&self.path, None, text)]);
+            }
         }
-        part.save(&self.path)?;
-        self.has_kept();
-        Ok(())
+    }
+
+    /// Whether what was to be kept the last time is not.
+    pub(super) fn has_failed(&self) -> bool {
+        self.has_failed
     }
 
     pub(super) fn is_due(&self) -> bool {
@@ -70,10 +84,6 @@ impl Partial {
     /// When something is to be kept again.
     pub(super) fn due(&self) -> Instant {
         self.kept + EVERY
-    }
-
-    pub(super) fn has_kept(&mut self) {
-        self.kept = Instant::now();
     }
 
     /// Once the output is there, nothing is left to go on with.

@@ -3,7 +3,7 @@
 use super::arguments::{RenderArguments, ShadingName};
 use super::partial::Partial;
 use crate::error::{Error, Result};
-use crate::export::file::{check_distinct, check_writable};
+use crate::export::file::{Inputs, check_writable};
 use crate::export::picture::Format;
 use crate::render::Background;
 use clap::ValueEnum;
@@ -84,7 +84,7 @@ pub(super) fn error_images(arguments: &RenderArguments) -> Vec<PathBuf> {
 pub(super) fn check_overwriting(
     arguments: &RenderArguments,
     pictures: &[Picture],
-    inputs: &[&Path],
+    inputs: &Inputs,
 ) -> Result<()> {
     let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
     outputs.extend(arguments.run.stats.as_deref());
@@ -92,7 +92,7 @@ pub(super) fn check_overwriting(
     outputs.extend(errors.iter().map(PathBuf::as_path));
     let partials = partials(pictures);
     outputs.extend(partials.iter().map(Partial::path));
-    check_distinct(&outputs, inputs)
+    inputs.check_distinct(&outputs)
 }
 
 fn without_repetition<T: Clone + PartialEq>(items: &[T]) -> Vec<T> {

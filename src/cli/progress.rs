@@ -1,22 +1,32 @@
 //! Progress with the time left on a terminal, silence elsewhere.
 
+use super::signals;
 use crate::progress::{Progress, Stage};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use signal_hook::consts::SIGINT;
-use signal_hook::flag;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, RwLock};
+use std::sync::RwLock;
 use std::time::{Duration, Instant};
 
 /// Bars on standard error, one after the other; drawn only if that is a terminal.
 #[derive(Default)]
 pub(super) struct Bars {
     bar: RwLock<Option<ProgressBar>>,
-    interrupted: Arc<AtomicBool>,
+    on_signal: OnSignal,
     /// Of a picture: the error that it should have, and when it should be done.
     goal: Option<f32>,
     deadline: Option<Instant>,
     estimate: RwLock<Option<Estimate>>,
+}
+
+/// What a signal does that asks the program to end.
+#[derive(Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum OnSignal {
+    /// End it at once.
+    #[default]
+    Die,
+    /// Stop the computation, which keeps what is done.
+    Stop,
+    /// End a picture with what there is.
+    Finish,
 }
 
 /// What is known of a picture on its way.
@@ -36,18 +46,16 @@ impl Bars {
         Bars { goal, deadline, ..Bars::default() }
     }
 
-    /// From now on Ctrl-C ends a picture with what there is. A second one ends the program.
-    pub(super) fn watch_for_interrupts(&self) {
-        let code = 128 + SIGINT;
-        let flag = || self.interrupted.clone();
-        // In this order, so that the first does not see its own mark. Where a signal cannot be caught it ends
-        // the program, as before.
-        let _ = flag::register_conditional_shutdown(SIGINT, code, flag())
-            .and_then(|_| flag::register(SIGINT, flag()));
+    /// From now on the first Ctrl-C or SIGTERM does this. A second one ends the program.
+    pub(super) fn on_signal(self, on_signal: OnSignal) -> Bars {
+        if on_signal != OnSignal::Die {
+            signals::be_patient();
+        }
+        Bars { on_signal, ..self }
     }
 
     pub(super) fn was_interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
+        self.on_signal != OnSignal::Die && signals::was_asked()
     }
 
     fn bar(&self) -> Option<ProgressBar> {
@@ -117,8 +125,12 @@ impl Progress for Bars {
         });
     }
 
+    fn is_stopped(&self) -> bool {
+        self.on_signal == OnSignal::Stop && signals::was_asked()
+    }
+
     fn is_enough(&self) -> bool {
-        self.was_interrupted()
+        self.on_signal == OnSignal::Finish && signals::was_asked()
     }
 }
 

@@ -4,13 +4,13 @@ use super::arguments::{Exposure, LightArguments, RenderArguments, SceneArguments
 use super::gathering::{Gathering, fingerprint};
 use super::partial::Partial;
 use super::pictures::{Picture, check_overwriting, error_images, partials, pictures};
-use super::progress::Bars;
+use super::progress::{Bars, OnSignal};
 use super::report::{Report, Seconds};
-use super::{say, warn};
+use super::{say, signals, warn};
 use crate::bvh::{Effort, Tracer};
 use crate::color::Rgb;
 use crate::error::{Error, Result, Warning};
-use crate::export::file::{Output, write_all};
+use crate::export::file::{Inputs, Output, write_all};
 use crate::export::picture::Format;
 use crate::memory;
 use crate::plan::Plan;
@@ -20,7 +20,7 @@ use crate::scene::{Camera, Document, Scene};
 use crate::settings::Settings;
 use crate::solution::{Solution, view_of, views_of};
 use crate::view::View;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -64,14 +64,15 @@ impl Run<'_> {
                     "leave the options of the scene and its light out, or render the scene itself",
                 ));
         }
-        check_overwriting(arguments, &self.pictures, &[&arguments.scene])?;
+        let inputs = Inputs::new(&[&arguments.scene]);
+        check_overwriting(arguments, &self.pictures, &inputs)?;
         let solution = Solution::load(&arguments.scene)?;
         let frame = self.frame(&solution.image, solution.choices.seed)?;
         let load = self.start.elapsed();
         let tracer = self.tracer(solution.scene(), frame.rays());
         let mut seconds = Seconds { load: load.as_secs_f64(), ..Seconds::default() };
         seconds.build = (self.start.elapsed() - load).as_secs_f64();
-        self.show(&tracer, &frame, &solution, 0, seconds)
+        self.show(&tracer, &frame, &solution, 0, seconds, &inputs)
     }
 
     fn solve_and_show(&self) -> Result<ExitCode> {
@@ -79,14 +80,15 @@ impl Run<'_> {
         let mut document = Document::open(&arguments.scene)?;
         arguments.scenery.apply(&mut document);
         document.up = arguments.look.up.or(document.up);
-        check_overwriting(arguments, &self.pictures, &document.inputs())?;
+        let mut inputs = Inputs::new(&document.inputs());
+        check_overwriting(arguments, &self.pictures, &inputs)?;
         let scene = document.scene()?;
         let known = views_of(&document, &scene);
         for name in self.pictures.iter().filter_map(|picture| picture.view.as_deref()) {
             view_of(&known, name).map_err(|error| error.in_file(&document.file))?;
         }
-        let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
-        check_overwriting(arguments, &self.pictures, &files)?;
+        inputs.extend(&scene.files);
+        check_overwriting(arguments, &self.pictures, &inputs)?;
         warn(&scene.warnings);
         let frame = self.frame(&document.image, Settings::SEED)?;
         let load = self.start.elapsed();
@@ -96,14 +98,14 @@ impl Run<'_> {
         let build = self.start.elapsed() - load;
         let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
         let seconds = Seconds::new(load, build, &spent);
-        self.show(&tracer, &frame, &solution, spent.rays, seconds)
+        self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
     }
 
     /// `seed` counts unless another is given.
     fn frame(&self, image: &ImageDefaults, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
         let is_gathered = self.arguments.shading.contains(&ShadingName::Gather);
-        let bytes = 36 * self.pictures.len() as u64 + if is_gathered { GATHERED } else { 0 };
+        let bytes = DRAWN * self.pictures.len() as u64 + if is_gathered { GATHERED } else { 0 };
         frame(*size, *spp, run.seed.unwrap_or(seed), image, bytes)
             .map(|frame| Frame {
                 background: *background,
@@ -128,20 +130,18 @@ impl Run<'_> {
         solution: &Solution,
         light_rays: u64,
         mut seconds: Seconds,
+        inputs: &Inputs,
     ) -> Result<ExitCode> {
         let (arguments, pictures) = (self.arguments, &self.pictures);
         let rendering = Instant::now();
-        let bars = Bars::towards(frame.error, frame.deadline);
         // Other pictures do not end before they are done.
-        if arguments.shading.iter().all(|&shading| shading == ShadingName::Gather) {
-            bars.watch_for_interrupts();
-        }
+        let are_gathered = arguments.shading.iter().all(|&it| it == ShadingName::Gather);
+        let on_signal = if are_gathered { OnSignal::Finish } else { OnSignal::Die };
+        let bars = Bars::towards(frame.error, frame.deadline).on_signal(on_signal);
         let camera = self.camera.as_ref();
-        let images = draw(arguments, tracer, camera, frame, pictures, solution, &bars)
-            .map_err(|error| error.in_file_if_none(&arguments.scene))?;
-        // Where nothing was kept, it came too late: the picture is whole.
-        let was_interrupted =
-            bars.was_interrupted() && partials(pictures).iter().any(|kept| kept.path().exists());
+        let (images, interrupted) =
+            draw(arguments, tracer, camera, frame, pictures, (solution, inputs), &bars)
+                .map_err(|error| error.in_file_if_none(&arguments.scene))?;
         let views = pictures.chunk_by(|a, b| a.view == b.view).count();
         let exposures = exposures(arguments, solution, &images, views);
         let mut outputs = encode(pictures, &images, &exposures)?;
@@ -170,14 +170,17 @@ impl Run<'_> {
         if let Some(path) = &arguments.run.stats {
             outputs.push(Output { path: path.clone(), bytes: report.to_json() });
         }
-        write_all(outputs)?;
+        write_all(outputs, inputs)?;
         warn(report.warning().as_slice());
-        if was_interrupted {
-            let text = "interrupted: the picture has the samples that there was time for; with --resume the same \
-                        command goes on from them";
-            warn(&[Warning::new(text)]);
+        if !interrupted.is_empty() {
+            let next = match interrupted.iter().any(Partial::has_failed) {
+                true => "what is done could not be kept",
+                false => "with --resume the same command goes on from them",
+            };
+            let text = "interrupted: the picture has the samples that there was time for";
+            warn(&[Warning::new(format!("{text}; {next}"))]);
             say(&report.to_text())?;
-            return Ok(ExitCode::from(INTERRUPTED));
+            return Ok(ExitCode::from(signals::exit_code()));
         }
         partials(pictures).iter().for_each(Partial::remove);
         warn(missed(arguments.error, report.picture_error).as_slice());
@@ -186,11 +189,12 @@ impl Run<'_> {
     }
 }
 
-/// The exit code of a program that Ctrl-C has ended: 128 and the number of the signal.
-const INTERRUPTED: u8 = 130;
+/// Bytes per pixel that a picture takes: an image, its values in the order of the file, and the file, whose bytes
+/// are a list that grows by doubling.
+const DRAWN: u64 = 64;
 
 /// Bytes per pixel that gathering takes, with the two spots that some pixels have.
-const GATHERED: u64 = 700;
+const GATHERED: u64 = 750;
 
 /// The frame, if this many bytes per pixel fit into memory. The scene fills in what is not given.
 pub(super) fn frame(
@@ -219,16 +223,17 @@ pub(super) fn frame(
     Ok(Frame { samples, seed, ..Frame::new(width, height) })
 }
 
-/// The images of the pictures, in their order. `camera` comes before the solution's own.
+/// The images of the pictures, in their order, and the partial files of those that a signal has cut short. `camera`
+/// comes before the solution's own.
 fn draw(
     arguments: &RenderArguments,
     caster: &Tracer,
     camera: Option<&Camera>,
     frame: &Frame,
     pictures: &[Picture],
-    solution: &Solution,
+    (solution, inputs): (&Solution, &Inputs),
     bars: &Bars,
-) -> Result<Vec<Image>> {
+) -> Result<(Vec<Image>, Vec<Partial>)> {
     // Every name is looked up before the first picture is drawn.
     let of_views: Vec<&[Picture]> = pictures.chunk_by(|a, b| a.view == b.view).collect();
     let cameras = of_views.iter().map(|of_view| match &of_view[0].view {
@@ -250,7 +255,7 @@ fn draw(
         Some(Exposure::Factor(factor)) => Some(factor),
         _ => None,
     };
-    let mut images = Vec::new();
+    let (mut images, mut interrupted) = (Vec::new(), Vec::new());
     for (k, camera) in cameras.iter().enumerate() {
         let now = Instant::now();
         let share = |until: Instant| {
@@ -266,16 +271,19 @@ fn draw(
             };
             let gathering = Gathering {
                 output: &picture.path,
+                inputs,
                 fingerprint: fingerprint(solution, camera, &frame, arguments.run.kernel),
                 resume: arguments.resume,
                 keep: cameras.len() > 1 && (frame.error.is_some() || frame.deadline.is_some()),
                 preview: arguments.preview,
                 exposure: &|image| factor.unwrap_or_else(|| solution.exposure(image)),
             };
-            images.push(gathering.draw(drawing, bars)?);
+            let (image, partial) = gathering.draw(drawing, bars)?;
+            images.push(image);
+            interrupted.extend(partial);
         }
     }
-    Ok(images)
+    Ok((images, interrupted))
 }
 
 /// The picture of a picture's errors.

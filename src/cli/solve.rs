@@ -2,17 +2,18 @@
 
 use super::arguments::{LightArguments, RunArguments, SceneArguments};
 use super::partial::Partial;
-use super::progress::Bars;
+use super::progress::{Bars, OnSignal};
 use super::report::{Report, Seconds};
-use super::{say, warn};
+use super::{say, signals, warn};
 use crate::bvh::{Effort, Tracer};
-use crate::error::{Error, Result};
-use crate::export::file::{Output, check_distinct, check_writable, write_all};
+use crate::error::{Error, ErrorKind, Result, Warning};
+use crate::export::file::{Inputs, Output, check_writable, write_all};
 use crate::plan::{Plan, Spent};
 use crate::scene::Document;
 use crate::solution::Solution;
 use crate::two_level::{Part, Share, put_together};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Instant;
 
 /// Solve a scene's light once and keep it; `isolux render ROOM.light` shows it from anywhere.
@@ -44,11 +45,11 @@ pub(super) struct Arguments {
     run: RunArguments,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<()> {
+pub(super) fn run(arguments: &Arguments) -> Result<ExitCode> {
     arguments.run.in_pool(|| run_in_pool(arguments))
 }
 
-fn run_in_pool(arguments: &Arguments) -> Result<()> {
+fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
     let start = Instant::now();
     let outputs: Vec<&Path> =
         std::iter::once(arguments.output.as_path()).chain(arguments.run.stats.as_deref()).collect();
@@ -59,10 +60,11 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
     outputs.iter().try_for_each(|path| check_writable(path))?;
     let mut document = Document::open(&arguments.scene)?;
     arguments.scenery.apply(&mut document);
-    check_distinct(&outputs, &document.inputs())?;
+    let mut inputs = Inputs::new(&document.inputs());
+    inputs.check_distinct(&outputs)?;
     let scene = document.scene()?;
-    let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
-    check_distinct(&outputs, &files)?;
+    inputs.extend(&scene.files);
+    inputs.check_distinct(&outputs)?;
     warn(&scene.warnings);
     let load = start.elapsed();
 
@@ -79,28 +81,52 @@ fn run_in_pool(arguments: &Arguments) -> Result<()> {
     }
     if !plan.is_in_two_levels() {
         let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
-        return finish(arguments, &solution, Seconds::new(load, build, &spent), spent.rays, start);
+        let seconds = Seconds::new(load, build, &spent);
+        finish(arguments, &solution, seconds, spent.rays, (start, &inputs))?;
+        return Ok(ExitCode::SUCCESS);
     }
     let mut partial = Partial::of(&arguments.output);
-    check_distinct(&[partial.path()], &files)?;
+    inputs.check_distinct(&[partial.path()])?;
     if !arguments.resume {
         partial.check_absent()?;
     }
     let begun = if arguments.resume { partial.load()? } else { None };
     let share = arguments.part.unwrap_or(Share::WHOLE);
-    let keep = &mut |part: &Part| partial.keep(part);
-    let (part, mut spent) = plan.solve_part(&tracer, share, begun, keep, &Bars::new())?;
+    let bars = Bars::new().on_signal(OnSignal::Stop);
+    let keep = &mut |part: &Part| {
+        let is_time = bars.was_interrupted() || partial.is_due();
+        if is_time && !part.is_finished() && !part.is_empty() {
+            partial.keep(part.to_bytes(), &inputs);
+        }
+        Ok(())
+    };
+    let (part, mut spent) = match plan.solve_part(&tracer, share, begun, keep, &bars) {
+        Err(error) if error.kind() == ErrorKind::Stopped => return Ok(interrupted(&partial)),
+        solved => solved?,
+    };
     if arguments.part.is_some() {
-        part.save(&arguments.output)?;
+        let output = Output { path: arguments.output.clone(), bytes: part.to_bytes() };
+        write_all(vec![output], &inputs)?;
         say(&describe(&part, &spent, &arguments.output))?;
     } else {
         let mut solution = put_together(vec![part]);
         spent.rays += solution.certify(&tracer);
         let seconds = Seconds::new(load, build, &spent);
-        finish(arguments, &solution, seconds, spent.rays, start)?;
+        finish(arguments, &solution, seconds, spent.rays, (start, &inputs))?;
     }
     partial.remove();
-    Ok(())
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What a signal has stopped.
+fn interrupted(partial: &Partial) -> ExitCode {
+    let text = match (partial.path().exists(), partial.has_failed()) {
+        (true, false) => "with --resume the same command goes on from what is done",
+        (_, true) => "what was done last could not be kept",
+        (false, false) => "nothing was done that could be kept",
+    };
+    warn(&[Warning::new(format!("interrupted: {text}"))]);
+    ExitCode::from(signals::exit_code())
 }
 
 /// Writes the light and what is to be said of it.
@@ -109,7 +135,7 @@ fn finish(
     solution: &Solution,
     mut seconds: Seconds,
     rays: u64,
-    start: Instant,
+    (start, inputs): (Instant, &Inputs),
 ) -> Result<()> {
     let mut files = vec![Output { path: arguments.output.clone(), bytes: solution.to_bytes() }];
     seconds.total = start.elapsed().as_secs_f64();
@@ -118,7 +144,7 @@ fn finish(
     if let Some(path) = &arguments.run.stats {
         files.push(Output { path: path.clone(), bytes: report.to_json() });
     }
-    write_all(files)?;
+    write_all(files, inputs)?;
     warn(report.warning().as_slice());
     say(&report.to_text())
 }

@@ -9,7 +9,7 @@ use crate::equivalence::Summary;
 #[cfg(feature = "embree")]
 use crate::error::Error;
 use crate::error::Result;
-use crate::export::file::{Output, check_distinct, check_writable, write_all};
+use crate::export::file::{Inputs, Output, check_writable, write_all};
 use crate::export::picture::Format;
 use crate::geometry::{BruteForce, MollerTrumbore, Plane, RayCaster, Triangle};
 #[cfg(feature = "embree")]
@@ -139,10 +139,11 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     arguments.diff_image.as_deref().map(Format::of).transpose()?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
     let description = Document::open(&arguments.scene)?;
-    check_distinct(&outputs, &description.inputs())?;
+    let mut inputs = Inputs::new(&description.inputs());
+    inputs.check_distinct(&outputs)?;
     let scene = Scene::load(&description)?;
-    let files: Vec<&Path> = scene.files.iter().map(PathBuf::as_path).collect();
-    check_distinct(&outputs, &files)?;
+    inputs.extend(&scene.files);
+    inputs.check_distinct(&outputs)?;
     warn(&scene.warnings);
 
     let native = Bvh::<MollerTrumbore>::build(scene.triangles.clone());
@@ -170,7 +171,7 @@ fn verify(arguments: &Arguments, embree: &str) -> Result<ExitCode> {
     };
     let json = arguments.json.as_ref();
     let json = json.map(|path| Output { path: path.clone(), bytes: verdict.to_json() });
-    write_all(json.into_iter().chain(picture).collect())?;
+    write_all(json.into_iter().chain(picture).collect(), &inputs)?;
     say(&verdict.to_text(&findings))?;
     Ok(conclude(&verdict, &[findings, stress_mesh].concat()))
 }

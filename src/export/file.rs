@@ -1,10 +1,8 @@
 //! Output files that appear whole or not at all.
 
+use super::staging::{NAMES, Named, Staged, folder_of, remove_leftovers, stage, target_of};
 use crate::error::{Error, ErrorKind, Result};
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use tempfile::TempPath;
 
 /// A file to be written.
 pub(crate) struct Output {
@@ -56,42 +54,79 @@ fn refuse_read_only(path: &Path) -> Result<()> {
     }
 }
 
-/// Refuses outputs that would overwrite each other or one of the inputs.
-///
-/// # Errors
-/// With the path and the remedy.
-pub(crate) fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
-    let is_same = |a: &Path, b: &Path| place_of(a) == place_of(b) || is_one_file(a, b);
-    for (i, output) in outputs.iter().enumerate() {
-        let mut others = outputs[..i].iter().chain(inputs);
-        if let Some(other) = others.find(|other| !is_special(output) && is_same(output, other)) {
-            return Err(Error::new(format!("this output would overwrite {}", other.display()))
-                .in_file(output)
-                .remedy("give it a name of its own"));
+/// Files that a run has read, as they were then: later another file may have the name, and a link may lead to them.
+#[derive(Default)]
+pub(crate) struct Inputs(Vec<(PathBuf, Place)>);
+
+impl Inputs {
+    pub(crate) fn new(paths: &[&Path]) -> Inputs {
+        let mut inputs = Inputs::default();
+        inputs.extend(paths);
+        inputs
+    }
+
+    /// Adds what was read after the others.
+    pub(crate) fn extend(&mut self, paths: &[impl AsRef<Path>]) {
+        let paths = paths.iter().map(AsRef::as_ref);
+        self.0.extend(paths.map(|path| (path.to_path_buf(), Place::of(path))));
+    }
+
+    /// Refuses outputs that would overwrite each other or one of the inputs.
+    ///
+    /// # Errors
+    /// With the path and the remedy.
+    pub(crate) fn check_distinct(&self, outputs: &[&Path]) -> Result<()> {
+        let places: Vec<Place> = outputs.iter().map(|path| Place::of(path)).collect();
+        for (i, output) in outputs.iter().enumerate().filter(|(_, path)| !is_special(path)) {
+            if let Some(other) = (0..i).find(|&other| places[other].is(&places[i])) {
+                return Err(would_overwrite(output, outputs[other]));
+            }
+            self.check(output, &places[i])?;
         }
+        Ok(())
     }
-    Ok(())
+
+    /// Refuses an output that would overwrite an input.
+    fn check(&self, output: &Path, place: &Place) -> Result<()> {
+        let input = self.0.iter().find(|(_, input)| input.is(place));
+        input.map_or(Ok(()), |(input, _)| Err(would_overwrite(output, input)))
+    }
 }
 
-/// A file that is not there yet is known by its folder and name.
-fn place_of(path: &Path) -> Option<PathBuf> {
-    let new = || Some(std::fs::canonicalize(folder_of(path)).ok()?.join(path.file_name()?));
-    std::fs::canonicalize(path).ok().or_else(new)
+fn would_overwrite(output: &Path, other: &Path) -> Error {
+    Error::new(format!("this output would overwrite {}", other.display()))
+        .in_file(output)
+        .remedy("give it a name of its own")
 }
 
-/// Whether two names are of one file, as hard links are.
-fn is_one_file(a: &Path, b: &Path) -> bool {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        let identity = |path| std::fs::metadata(path).ok().map(|m| (m.dev(), m.ino()));
-        identity(a).is_some() && identity(a) == identity(b)
+/// Where a file lies.
+struct Place {
+    /// Folder and name, without links. A file that is not there yet has them too.
+    path: Option<PathBuf>,
+    /// Device and number: hard links are one file.
+    file: Option<(u64, u64)>,
+}
+
+impl Place {
+    fn of(path: &Path) -> Place {
+        let new = || Some(std::fs::canonicalize(folder_of(path)).ok()?.join(path.file_name()?));
+        Place { path: std::fs::canonicalize(path).ok().or_else(new), file: identity(path) }
     }
-    #[cfg(not(unix))]
-    {
-        let _ = (a, b);
-        false
+
+    fn is(&self, other: &Place) -> bool {
+        self.path == other.path || (self.file.is_some() && self.file == other.file)
     }
+}
+
+#[cfg(unix)]
+fn identity(path: &Path) -> Option<(u64, u64)> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()))
+}
+
+#[cfg(not(unix))]
+fn identity(_: &Path) -> Option<(u64, u64)> {
+    None
 }
 
 /// Writes every output to a file without a name in its folder, then those to devices and pipes. Only when all
@@ -100,8 +135,8 @@ fn is_one_file(a: &Path, b: &Path) -> bool {
 ///
 /// # Errors
 /// Whatever the system says: a full disk, a missing permission. If the last step fails for one of several
-/// outputs, the error says which ones are new.
-pub(crate) fn write_all(outputs: Vec<Output>) -> Result<()> {
+/// outputs, the error says which ones are new. An output that a link has led to one of the inputs meanwhile.
+pub(crate) fn write_all(outputs: Vec<Output>, inputs: &Inputs) -> Result<()> {
     let (special, plain): (Vec<_>, Vec<_>) = outputs.into_iter().partition(|o| is_special(&o.path));
     let staged = plain.iter().map(|output| stage(&output.path, &output.bytes));
     let staged = staged.collect::<Result<Vec<_>>>()?;
@@ -109,17 +144,20 @@ pub(crate) fn write_all(outputs: Vec<Output>) -> Result<()> {
         std::fs::write(&output.path, &output.bytes)
             .map_err(|e| Error::io(&output.path, "write the file", &e))?;
     }
-    rename_all(staged.into_iter().map(Staged::named).collect::<Result<_>>()?)
+    rename_all(staged.into_iter().map(Staged::named).collect::<Result<_>>()?, inputs)
 }
 
-fn rename_all(named: Vec<Named>) -> Result<()> {
+fn rename_all(named: Vec<Named>, inputs: &Inputs) -> Result<()> {
     // What changed while the run computed is found before anything is replaced.
     for Named { path, target, .. } in &named {
         refuse_read_only(path)?;
+        inputs.check(path, &Place::of(target))?;
         if target.is_dir() {
             return Err(Error::new("this has become a folder").in_file(path));
         }
     }
+    // A signal that ends the program waits until all are there.
+    let _held = NAMES.hold();
     let mut new: Vec<String> = Vec::new();
     for Named { name, target, path, .. } in named {
         if let Err(e) = name.persist(&target) {
@@ -137,142 +175,23 @@ fn rename_all(named: Vec<Named>) -> Result<()> {
     Ok(())
 }
 
-/// An output on the disk that has no name of its own yet. As long as it has none at all, it is gone with the
-/// process, however that ends.
-struct Staged {
-    file: File,
-    /// Where the system knows no files without a name.
-    name: Option<TempPath>,
-    /// A link stays a link: what it points to is replaced.
-    target: PathBuf,
-    path: PathBuf,
-}
-
-/// An output under a temporary name. The file is locked until the end: a leftover is one that nobody locks.
-struct Named {
-    name: TempPath,
-    target: PathBuf,
-    path: PathBuf,
-    _file: File,
-}
-
-fn failed(path: &Path) -> impl Fn(std::io::Error) -> Error {
-    |e| Error::io(path, "write the file", &e).remedy("check the disk's space and the permissions")
-}
-
-fn stage(path: &Path, bytes: &[u8]) -> Result<Staged> {
-    let target = target_of(path);
-    let folder = folder_of(&target);
-    let (mut file, name) = match unnamed(folder) {
-        Some(file) => (file, None),
-        None => {
-            let (file, name) = part().tempfile_in(folder).map_err(failed(path))?.into_parts();
-            (file, Some(name))
-        }
-    };
-    let _ = file.try_lock();
-    // An existing file's permissions stay.
-    if let Ok(existing) = std::fs::metadata(&target) {
-        file.set_permissions(existing.permissions()).map_err(failed(path))?;
-    }
-    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed(path))?;
-    Ok(Staged { file, name, target, path: path.to_path_buf() })
-}
-
-impl Staged {
-    fn named(self) -> Result<Named> {
-        let Staged { file, name, target, path } = self;
-        let linked = || part().make_in(folder_of(&target), |name| link(&file, name));
-        let name = match name {
-            Some(name) => name,
-            None => linked().map_err(failed(&path))?.into_temp_path(),
-        };
-        Ok(Named { name, target, path, _file: file })
-    }
-}
-
-const PREFIX: &str = ".isolux-";
-const SUFFIX: &str = ".part";
-
-/// Makes temporary names.
-fn part() -> tempfile::Builder<'static, 'static> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PREFIX).suffix(SUFFIX);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // The user's umask takes its part off.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder
-}
-
-/// A file without a name; `None` where the system or the folder's file system knows none.
-#[cfg(target_os = "linux")]
-fn unnamed(folder: &Path) -> Option<File> {
-    use std::os::unix::fs::OpenOptionsExt;
-    let flags = rustix::fs::OFlags::TMPFILE.bits() as i32;
-    // The link below goes by /proc.
-    let options = Path::new("/proc/self/fd").is_dir().then(|| {
-        let mut options = File::options();
-        options.write(true).mode(0o666).custom_flags(flags);
-        options
-    });
-    options?.open(folder).ok()
-}
-
-#[cfg(not(target_os = "linux"))]
-fn unnamed(_: &Path) -> Option<File> {
-    None
-}
-
-/// Gives a file without a name one that no file has.
-#[cfg(target_os = "linux")]
-fn link(file: &File, name: &Path) -> std::io::Result<()> {
-    use rustix::fs::{AtFlags, CWD, linkat};
-    use std::os::fd::AsRawFd;
-    let from = format!("/proc/self/fd/{}", file.as_raw_fd());
-    Ok(linkat(CWD, from, CWD, name, AtFlags::SYMLINK_FOLLOW)?)
-}
-
-#[cfg(not(target_os = "linux"))]
-fn link(_: &File, _: &Path) -> std::io::Result<()> {
-    Err(std::io::ErrorKind::Unsupported.into())
-}
-
-/// Removes what runs that were killed have left in a folder. Files that another run writes are locked.
-fn remove_leftovers(folder: &Path) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let is_part = name.to_str().is_some_and(|n| n.starts_with(PREFIX) && n.ends_with(SUFFIX));
-        if is_part && entry.file_type().is_ok_and(|kind| kind.is_file()) {
-            let file = File::open(entry.path());
-            if file.is_ok_and(|file| file.try_lock().is_ok()) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-}
-
-fn target_of(path: &Path) -> PathBuf {
-    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
-}
-
 /// A device or a pipe, which is written to and never replaced.
 fn is_special(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir())
 }
 
-fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
+
+    fn write_all(outputs: Vec<Output>) -> Result<()> {
+        super::write_all(outputs, &Inputs::default())
+    }
+
+    fn check_distinct(outputs: &[&Path], inputs: &[&Path]) -> Result<()> {
+        Inputs::new(inputs).check_distinct(outputs)
+    }
 
     fn output(path: &Path, bytes: &[u8]) -> Output {
         Output { path: path.to_path_buf(), bytes: bytes.to_vec() }
@@ -349,35 +268,29 @@ mod tests {
         let named = |path: &Path| stage(path, b"new").and_then(Staged::named).unwrap();
         let gone = named(&b);
         std::fs::remove_file(&gone.name).unwrap();
-        let error = rename_all(vec![named(&a), gone]).unwrap_err().to_string();
+        let error = rename_all(vec![named(&a), gone], &Inputs::default()).unwrap_err().to_string();
         assert!(error.contains("a.png is new already"), "{error}");
         assert_eq!(std::fs::read(&a).unwrap(), b"new");
     }
 
+    #[cfg(unix)]
     #[test]
-    fn the_next_run_removes_what_a_killed_one_left_and_nothing_else() {
+    fn a_link_that_leads_to_an_input_meanwhile_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let [left, held, foreign, path] =
-            [".isolux-aaaaaa.part", ".isolux-bbbbbb.part", "a.part", "a.png"]
-                .map(|name| folder.path().join(name));
-        [&left, &held, &foreign].iter().for_each(|path| std::fs::write(path, "x").unwrap());
-        let holder = File::open(&held).unwrap();
-        holder.lock().unwrap();
-        check_writable(&path).unwrap();
-        assert!(!left.exists() && held.exists() && foreign.exists() && !path.exists());
-    }
-
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn what_is_staged_has_no_name_that_could_outlive_the_process() {
-        let folder = tempfile::tempdir().unwrap();
-        let staged = stage(&folder.path().join("a.png"), b"new").unwrap();
-        let names = || std::fs::read_dir(folder.path()).unwrap().count();
-        assert_eq!(names(), staged.name.is_some() as usize);
-        let named = staged.named().unwrap();
-        assert_eq!(names(), 1);
-        drop(named);
-        assert_eq!(names(), 0);
+        let [input, old, link] = ["in.obj", "old.png", "out.png"].map(|n| folder.path().join(n));
+        std::fs::write(&input, "v").unwrap();
+        std::fs::write(&old, "old").unwrap();
+        std::os::unix::fs::symlink(&old, &link).unwrap();
+        let inputs = Inputs::new(&[&input]);
+        inputs.check_distinct(&[&link]).unwrap();
+        std::fs::remove_file(&link).unwrap();
+        std::os::unix::fs::symlink(&input, &link).unwrap();
+        let error = super::write_all(vec![output(&link, b"new")], &inputs).unwrap_err().to_string();
+        assert!(error.contains("would overwrite"), "{error}");
+        // Another file has the input's name by then.
+        std::fs::rename(&input, &old).unwrap();
+        assert!(super::write_all(vec![output(&old, b"new")], &inputs).is_err());
+        assert_eq!(std::fs::read(&old).unwrap(), b"v");
     }
 
     #[cfg(unix)]

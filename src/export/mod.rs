@@ -3,3 +3,4 @@
 pub(crate) mod file;
 pub(crate) mod picture;
 pub(crate) mod sealed;
+pub(crate) mod staging;

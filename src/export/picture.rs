@@ -1,6 +1,6 @@
 //! Pictures in the formats that people open: PNG for the eye, EXR and HDR for numbers.
 
-use super::file::{Output, write_all};
+use super::file::{Inputs, Output, write_all};
 use crate::error::{Error, Result};
 use crate::render::{Image, tone};
 use exr::image::write::WritableImage;
@@ -22,7 +22,7 @@ impl Image {
     pub fn save(&self, path: impl AsRef<Path>, exposure: f32) -> Result<()> {
         let path = path.as_ref();
         let bytes = Format::of(path)?.encode(self, exposure)?;
-        write_all(vec![Output { path: path.to_path_buf(), bytes }])
+        write_all(vec![Output { path: path.to_path_buf(), bytes }], &Inputs::default())
     }
 
     fn is_transparent(&self) -> bool {

@@ -58,8 +58,8 @@ impl<'a> LocalPass<'a> {
         LocalPass { paths, of_patch, mesh, cover: coverage::Search::new(caster, mesh) }
     }
 
-    /// Does what is left of a part. `keep` may store what is done, now and then. Returns the rays that were traced to
-    /// find what is covered.
+    /// Does what is left of a part. `keep` may store what is done, now and then, and before `progress` stops it. Returns
+    /// the rays that were traced to find what is covered.
     ///
     /// # Errors
     /// What `keep` says; or `progress` asked to stop.
@@ -85,6 +85,9 @@ impl<'a> LocalPass<'a> {
             }
             self.add(part, first, count, &cover_rays, progress);
             if progress.is_stopped() {
+                // What was begun is not done.
+                part.truncate(first - patches.start);
+                keep(part)?;
                 return Err(Error::stopped());
             }
             part.rays += self.paths.rays.swap(0, Ordering::Relaxed);

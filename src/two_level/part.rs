@@ -2,7 +2,7 @@
 
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
-use crate::export::file::{Output, write_all};
+use crate::export::file::{Inputs, Output, write_all};
 use crate::export::sealed::Seal;
 use crate::memory;
 use crate::solution::{PatchLight, Solution};
@@ -125,6 +125,11 @@ impl Part {
         end(self.share.number - 1)..end(self.share.number)
     }
 
+    /// Whether none of its patches has its light.
+    pub fn is_empty(&self) -> bool {
+        self.light.irradiance.is_empty()
+    }
+
     /// Whether all its patches have their light.
     pub fn is_finished(&self) -> bool {
         self.light.irradiance.len() == self.patches().len()
@@ -169,6 +174,14 @@ impl Part {
         )
     }
 
+    /// Forgets all but the first `done` patches, which are whole blocks.
+    pub(super) fn truncate(&mut self, done: usize) {
+        self.light.irradiance.truncate(done);
+        self.light.error.truncate(done);
+        self.light.uncovered.truncate(done);
+        self.absorbed.truncate(done / Part::BLOCK);
+    }
+
     pub(super) fn reserve(&mut self) {
         let more = self.patches().len() - self.light.irradiance.len();
         self.light.irradiance.reserve_exact(more);
@@ -181,7 +194,8 @@ impl Part {
     /// # Errors
     /// Whatever the system says.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        write_all(vec![Output { path: path.as_ref().to_path_buf(), bytes: self.to_bytes() }])
+        let output = Output { path: path.as_ref().to_path_buf(), bytes: self.to_bytes() };
+        write_all(vec![output], &Inputs::default())
     }
 
     /// The bytes of a part file.

@@ -59,9 +59,9 @@ fn a_resumed_picture_has_the_bits_of_one_that_was_never_interrupted() {
     let mut child = start(folder.path(), &interrupted);
     wait_for(&at("a.exr"), &mut child);
     image::open(at("a.exr")).expect("a preview is a whole picture");
-    send("-INT", &child);
+    send("-TERM", &child);
     let (output, said) = end(child);
-    assert_eq!(output.status.code(), Some(130), "{said}");
+    assert_eq!(output.status.code(), Some(143), "{said}");
     assert!(said.contains("--resume"), "{said}");
     assert!(at("a.exr.partial").is_file());
     image::open(at("a.exr")).expect("an interrupted picture is whole");

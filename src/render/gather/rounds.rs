@@ -91,7 +91,8 @@ impl Rounds {
         }
     }
 
-    /// Samples until `until`, or to the end. Returns whether that is reached, or `progress` wants no more.
+    /// Samples until `until`, or to the end. Returns whether that is reached, or `progress` wants no more. Where that
+    /// wish comes before there is a picture, what there is can be kept at once: the next call goes on to a picture.
     pub(super) fn go_on(
         &mut self,
         eye: &Eye,
@@ -103,8 +104,9 @@ impl Rounds {
             let is_enough = progress.is_enough() && rounds.picture.is_whole();
             rounds.is_finished || progress.is_stopped() || is_enough
         };
+        let is_new = !progress.is_enough();
         while !is_over(self) {
-            if self.sample(eye, paths, until, progress) {
+            if self.sample(eye, paths, (until, is_new), progress) {
                 self.decide(eye.frame, progress);
             } else if !is_over(self) {
                 return false;
@@ -116,12 +118,12 @@ impl Rounds {
         true
     }
 
-    /// Samples this round's rows. Returns whether all are done.
+    /// Samples this round's rows. Returns whether all are done. `is_new`: nobody has wanted the end before.
     fn sample(
         &mut self,
         eye: &Eye,
         paths: &Paths,
-        until: Option<Instant>,
+        (until, is_new): (Option<Instant>, bool),
         progress: &dyn Progress,
     ) -> bool {
         let began = Instant::now();
@@ -130,13 +132,14 @@ impl Rounds {
             progress.advance(self.picture.rows_with(&self.wanted));
             self.spent.is_shown = true;
         }
-        // What was interrupted before each pixel has samples is no picture.
         let is_whole = self.picture.is_whole();
         // However little time there is, one row is sampled, so that the picture comes to its end.
         let is_first = AtomicBool::new(true);
         let is_late = || until.is_some_and(|until| Instant::now() >= until);
-        let is_enough =
-            || is_whole && progress.is_enough() || !is_first.swap(false, Relaxed) && is_late();
+        let is_enough = || {
+            (is_whole || is_new) && progress.is_enough()
+                || !is_first.swap(false, Relaxed) && is_late()
+        };
         self.soft = None;
         let taken = self.picture.sample(eye, paths, &self.wanted, progress, &is_enough);
         self.spent.samples += taken;

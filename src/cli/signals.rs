@@ -1,0 +1,97 @@
+//! What asks the program to end: Ctrl-C, a batch system's SIGTERM, a terminal that is closed.
+//!
+//! A thread of its own waits for them. Usually it removes the temporary files and lets the signal do what it does by
+//! default. While something is computed that can end with what it has, the first signal asks for that, and the
+//! next one ends the program.
+
+use std::sync::atomic::{AtomicBool, AtomicI32, Ordering::SeqCst};
+
+/// Whether what is computed can end with what it has.
+static IS_PATIENT: AtomicBool = AtomicBool::new(false);
+
+/// The signal that asked for it; 0 before.
+static ASKED: AtomicI32 = AtomicI32::new(0);
+
+/// From now on the first signal lets the computation end with what it has.
+pub(super) fn be_patient() {
+    IS_PATIENT.store(true, SeqCst);
+}
+
+/// Whether the computation is to end with what it has.
+pub(super) fn was_asked() -> bool {
+    ASKED.load(SeqCst) != 0
+}
+
+/// The exit code of a program that a signal has ended: 128 and the signal's number.
+pub(super) fn exit_code() -> u8 {
+    128 + ASKED.load(SeqCst) as u8
+}
+
+/// Whether the computation takes this signal.
+fn is_taken(signal: i32) -> bool {
+    IS_PATIENT.load(SeqCst) && ASKED.compare_exchange(0, signal, SeqCst, SeqCst).is_ok()
+}
+
+/// Begins to wait for signals. Where they cannot be waited for they end the program, as they do by default.
+#[cfg(unix)]
+pub(super) fn watch() {
+    use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+    use signal_hook::flag;
+    use std::sync::Arc;
+
+    let always = || Arc::new(AtomicBool::new(true));
+    // A file that becomes larger than `ulimit -f` allows is then an error of the write.
+    let _ = flag::register(SIGXFSZ, always());
+    // Where the system refuses even a little memory Rust says so and aborts: that is a failure as others are, and
+    // what lies in memory is of no use to anybody.
+    let _ = flag::register_conditional_shutdown(SIGABRT, 2, always());
+    let is_ending = Arc::new(AtomicBool::new(false));
+    let signals = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|&signal| !is_ignored(signal));
+    let signals: Vec<i32> = signals.collect();
+    for &signal in &signals {
+        // Whatever keeps the thread from ending the program, the next signal does not wait for it.
+        let _ = flag::register_conditional_default(signal, is_ending.clone());
+    }
+    let waiting = is_ending.clone();
+    let started = signal_hook::iterator::Signals::new(signals).and_then(|signals| {
+        let thread = std::thread::Builder::new().name("signals".into()).stack_size(1 << 16);
+        thread.spawn(move || wait(signals, &waiting))
+    });
+    is_ending.store(started.is_err(), SeqCst);
+}
+
+#[cfg(unix)]
+fn wait(mut signals: signal_hook::iterator::Signals, is_ending: &AtomicBool) {
+    for signal in signals.forever().filter(|&signal| !is_taken(signal)) {
+        is_ending.store(true, SeqCst);
+        let _held = crate::export::staging::remove_temporary_files();
+        let _ = signal_hook::low_level::emulate_default_handler(signal);
+    }
+}
+
+/// Whether who started the program wants it to go on: `nohup`, or a script that goes on beside it.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    ignored.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// Where there is nothing but Ctrl-C, it ends the program.
+#[cfg(not(unix))]
+pub(super) fn watch() {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_patient_computation_takes_one_signal() {
+        assert!(!is_taken(15) && !was_asked());
+        be_patient();
+        assert!(is_taken(15) && !is_taken(2));
+        assert!(was_asked());
+        assert_eq!(exit_code(), 143);
+    }
+}
