@@ -218,3 +218,23 @@ fn an_interrupted_picture_shows_what_there_is() {
     assert!(folder.path().join("a.png.partial").is_file());
     assert!(folder.path().join("a.png").is_file());
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_is_no_text_is_not_read_whole() {
+    let folder = folder();
+    for name in ["big.obj", "big.toml", "big.light"] {
+        let file = fs::File::create(folder.path().join(name)).expect("a file");
+        // It takes no place on the disk, and does not fit into memory.
+        file.set_len(1 << 40).expect("a hole");
+        let command = ["render", name, "-o", "a.png"];
+        let output = isolux(&folder, &command).timeout(std::time::Duration::from_secs(20)).output();
+        let output = output.expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{name}: {said}");
+        assert!(
+            said.contains("this does not look like") || said.contains("this is not a"),
+            "{said}"
+        );
+    }
+}

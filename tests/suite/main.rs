@@ -8,6 +8,7 @@ mod cli;
 mod crowded;
 #[cfg(feature = "embree")]
 mod equivalence;
+mod faults;
 mod fields;
 mod form_factor;
 mod formats;

@@ -1,0 +1,405 @@
+//! What the program leaves when it is killed while it writes, when a disk is full or may not be written, when
+//! memory is short, and when a file shrinks while it is read.
+#![cfg(target_os = "linux")]
+
+use std::fs;
+use std::io::Write;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const KILL: i32 = 9;
+const TERM: i32 = 15;
+
+/// A folder with `s.obj`, a triangle that shines.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
+    write("s.obj", "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
+    write("s.mtl", "newmtl m\nKd .5 .5 .5\nKe 1 1 1\n");
+    folder
+}
+
+fn program(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin("isolux"));
+    command.current_dir(folder).args(arguments).stdout(Stdio::null()).stderr(Stdio::piped());
+    command
+}
+
+/// The program under limits that the shell sets, such as `ulimit -v 100000`.
+fn limited(folder: &Path, limits: &str, arguments: &[&str]) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", &format!("ulimit -c 0; {limits}; exec \"$0\" \"$@\"")]);
+    command.arg(assert_cmd::cargo::cargo_bin("isolux")).args(arguments);
+    command.current_dir(folder).stdout(Stdio::null()).stderr(Stdio::piped());
+    command
+}
+
+/// How it ended, and what it said on standard error.
+fn end(mut command: Command) -> (ExitStatus, String) {
+    let output = command.spawn().expect("it runs").wait_with_output().expect("it ends");
+    (output.status, String::from_utf8(output.stderr).expect("UTF-8"))
+}
+
+/// The names in a folder, sorted.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).expect("a folder");
+    let name = |entry: fs::DirEntry| entry.file_name().into_string().expect("UTF-8");
+    let mut names: Vec<String> = entries.map(|entry| name(entry.expect("an entry"))).collect();
+    names.sort();
+    names
+}
+
+/// Files that a process has open at this moment: their paths, and the names by which they can be looked at.
+fn open_files(child: &Child) -> Vec<(PathBuf, PathBuf)> {
+    let entries = fs::read_dir(format!("/proc/{}/fd", child.id())).into_iter().flatten().flatten();
+    let paths = entries.map(|entry| Some((fs::read_link(entry.path()).ok()?, entry.path())));
+    paths.flatten().collect()
+}
+
+/// How much a process has written to a file that is to become an output in `folder`, while it is none yet.
+fn staged(child: &Child, folder: &Path) -> Option<u64> {
+    let is_staged = |path: &Path| {
+        let name = path.file_name().map(|name| name.to_string_lossy());
+        path.starts_with(folder)
+            && name.is_some_and(|name| name.starts_with('#') || name.starts_with(".isolux-"))
+    };
+    let files = open_files(child).into_iter().filter(|(path, _)| is_staged(path));
+    files.filter_map(|(_, file)| fs::metadata(file).ok()).map(|file| file.len()).max()
+}
+
+/// A shell that sends signals sooner than a process that is started for each could.
+struct Signals {
+    shell: Child,
+    orders: Option<ChildStdin>,
+}
+
+impl Signals {
+    fn new() -> Signals {
+        let loops = "while read -r signal process; do kill \"-$signal\" \"$process\"; done";
+        let shell = Command::new("sh").args(["-c", loops]).stdin(Stdio::piped()).spawn();
+        let mut shell = shell.expect("it runs");
+        Signals { orders: shell.stdin.take(), shell }
+    }
+
+    fn send(&mut self, signal: i32, child: &Child) {
+        let orders = self.orders.as_mut().expect("it is open until the end");
+        writeln!(orders, "{signal} {}", child.id()).expect("it listens");
+    }
+}
+
+impl Drop for Signals {
+    fn drop(&mut self) {
+        drop(self.orders.take());
+        let _ = self.shell.wait();
+    }
+}
+
+/// Light of a megabyte that takes little time.
+const LIGHT: [&str; 10] =
+    ["solve", "s.obj", "-o", "o.light", "--levels", "8", "--samples", "1", "--threads", "1"];
+
+/// A picture of some hundred kilobytes.
+const PICTURE: [&str; 16] = [
+    "render",
+    "s.obj",
+    "-o",
+    "o.exr",
+    "--size",
+    "700x500",
+    "--spp",
+    "1",
+    "--levels",
+    "0",
+    "--samples",
+    "4",
+    "--threads",
+    "1",
+    "--shading",
+    "flat",
+];
+
+/// Solves light again and again and sends `signal` while it is written: as soon as some of it is, a half, and all.
+/// After each, the file is the old one or the new one, and `check` looks at what else is there. Returns how many
+/// of the runs were hit before the new file had its name.
+fn hit_writes(signal: i32, count: usize, check: impl Fn(&Path, ExitStatus)) -> usize {
+    let folder = folder();
+    let path = fs::canonicalize(folder.path()).expect("a folder");
+    let output = path.join("o.light");
+    let (status, said) = end(program(&path, &LIGHT));
+    assert!(status.success(), "{said}");
+    let new = fs::read(&output).expect("light");
+    let mut signals = Signals::new();
+    let (mut hits, mut runs) = (0, 0);
+    while hits < count && runs < 3 * count {
+        fs::write(&output, "old").expect("a file");
+        let wanted = [1, new.len() as u64 / 2, new.len() as u64][runs % 3];
+        runs += 1;
+        let mut child = program(&path, &LIGHT).stderr(Stdio::null()).spawn().expect("it runs");
+        let mut status = None;
+        while status.is_none() && staged(&child, &path).is_none_or(|length| length < wanted) {
+            status = child.try_wait().expect("a state");
+        }
+        if status.is_none() {
+            signals.send(signal, &child);
+        }
+        let status = child.wait().expect("it ends");
+        let there = fs::read(&output).expect("an output is always there");
+        assert!(there == b"old" || there == new, "{} bytes after {status}", there.len());
+        hits += usize::from(status.signal() == Some(signal) && there == b"old");
+        check(&path, status);
+    }
+    eprintln!("signal {signal}: {hits} of {runs} runs were hit while they wrote");
+    hits
+}
+
+#[test]
+fn kills_while_a_file_is_written_leave_the_old_one_or_the_new() {
+    let hits = hit_writes(KILL, 100, |folder, _| {
+        let left = names(folder);
+        let is_leftover = |name: &&String| name.starts_with(".isolux-");
+        // Each run removes what the last one has left.
+        assert!(left.iter().filter(is_leftover).count() <= 1 && left.len() <= 4, "{left:?}");
+    });
+    assert!(hits >= 100, "{hits}");
+}
+
+#[test]
+fn a_run_after_a_killed_one_removes_what_that_has_left() {
+    let folder = folder();
+    // What a kill leaves between the moment that a file gets a temporary name and that of its own.
+    fs::write(folder.path().join(".isolux-abc123.part"), "half").expect("a file");
+    let (status, said) = end(program(folder.path(), &PICTURE));
+    assert!(status.success(), "{said}");
+    assert_eq!(names(folder.path()), ["o.exr", "s.mtl", "s.obj"]);
+}
+
+#[test]
+fn a_terminated_run_leaves_no_temporary_file() {
+    let hits = hit_writes(TERM, 50, |folder, status| {
+        assert_eq!(names(folder), ["o.light", "s.mtl", "s.obj"]);
+        assert!(status.success() || status.signal() == Some(TERM), "{status}");
+    });
+    assert!(hits >= 50, "{hits}");
+}
+
+#[test]
+fn light_whose_solve_is_terminated_is_gone_on_with() {
+    let folder = folder();
+    let scene = format!("{}/scenes/cornell-box.toml", env!("CARGO_MANIFEST_DIR"));
+    let solve = |output| {
+        let flags = ["--max-edge", "10", "--samples", "8", "--solver", "two-level"];
+        [&["solve", &scene, "-o", output][..], &flags].concat()
+    };
+    let began = Instant::now();
+    let (status, said) = end(program(folder.path(), &solve("whole.light")));
+    assert!(status.success(), "{said}");
+    let partial = folder.path().join("a.light.partial");
+    let mut signals = Signals::new();
+    let mut wait = began.elapsed() / 2;
+    // Until the signal comes between the first patches and the last.
+    for _ in 0..20 {
+        let child = program(folder.path(), &solve("a.light")).spawn().expect("it runs");
+        std::thread::sleep(wait);
+        signals.send(TERM, &child);
+        let output = child.wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&output.stderr);
+        if partial.exists() {
+            assert_eq!(output.status.code(), Some(143), "{said}");
+            assert!(said.contains("--resume"), "{said}");
+            break;
+        }
+        assert_eq!(folder.path().join("a.light").exists(), output.status.success(), "{said}");
+        wait = if output.status.success() { wait.mul_f64(0.6) } else { wait.mul_f64(1.3) };
+        let _ = fs::remove_file(folder.path().join("a.light"));
+    }
+    assert!(partial.exists(), "no run was hit");
+    let (status, said) =
+        end(program(folder.path(), &[&solve("a.light")[..], &["--resume"]].concat()));
+    assert!(status.success(), "{said}");
+    let [resumed, whole] = ["a.light", "whole.light"].map(|name| {
+        let light = fs::read(folder.path().join(name)).expect("light");
+        isolux::Solution::from_bytes(&light).expect("light")
+    });
+    assert!(resumed.irradiance() == whole.irradiance());
+    assert!(!partial.exists());
+}
+
+#[test]
+fn a_file_that_may_not_become_so_large_is_an_error() {
+    let folder = folder();
+    fs::write(folder.path().join("o.exr"), "old").expect("a file");
+    let (status, said) = end(limited(folder.path(), "ulimit -f 100", &PICTURE));
+    assert_eq!(status.code(), Some(2), "{said}");
+    assert!(said.contains("o.exr: cannot write the file") && said.contains("ulimit -f"), "{said}");
+    assert_eq!(fs::read(folder.path().join("o.exr")).expect("a file"), b"old");
+    assert_eq!(names(folder.path()), ["o.exr", "s.mtl", "s.obj"]);
+}
+
+#[test]
+fn what_cannot_be_kept_of_a_picture_is_a_warning() {
+    let folder = folder();
+    let views = "models = ['s.obj']\n[views.a]\nposition = [0.3, 0.3, 2]\nlook_at = [0.3, 0.3, 0]\n\
+                 [views.b]\nposition = [0.3, 0.3, 3]\nlook_at = [0.3, 0.3, 0]\n";
+    fs::write(folder.path().join("s.toml"), views).expect("a file");
+    let render = ["render", "s.toml", "-o", "o.png", "--view", "a,b", "--levels", "1", "--threads"];
+    let flags = ["1", "--size", "200x150", "--error", "50%"];
+    let (status, said) =
+        end(limited(folder.path(), "ulimit -f 300", &[&render[..], &flags].concat()));
+    assert!(status.success(), "{said}");
+    let warnings = said.matches("o-a.png.partial: cannot write the file").count();
+    assert!(warnings == 1 && said.contains("the run goes on"), "{said}");
+    assert_eq!(names(folder.path()), ["o-a.png", "o-b.png", "s.mtl", "s.obj", "s.toml"]);
+}
+
+#[test]
+fn a_full_device_keeps_the_other_outputs_from_appearing() {
+    let folder = folder();
+    fs::write(folder.path().join("o.exr"), "old").expect("a file");
+    let (status, said) =
+        end(program(folder.path(), &[&PICTURE[..], &["--stats", "/dev/full"]].concat()));
+    assert_eq!(status.code(), Some(2), "{said}");
+    assert!(said.contains("/dev/full: cannot write the file: No space left"), "{said}");
+    assert_eq!(fs::read(folder.path().join("o.exr")).expect("a file"), b"old");
+    assert_eq!(names(folder.path()), ["o.exr", "s.mtl", "s.obj"]);
+}
+
+#[test]
+fn full_and_read_only_disks_are_errors_that_change_nothing() {
+    let folder = folder();
+    fs::create_dir(folder.path().join("disk")).expect("a folder");
+    // In name spaces of its own, so that the disk is gone with the shell.
+    let mount = "mount -t tmpfs -o size=64k none disk && echo old >disk/o.exr";
+    let run = "\"$0\" \"$@\"; code=$?; cat disk/o.exr; ls -A disk; exit $code";
+    let disk = |then: &str, arguments: &[&str]| {
+        let mut command = Command::new("unshare");
+        command.args(["-rm", "sh", "-c", &format!("{mount} && {then} || exit 77; {run}")]);
+        command.arg(assert_cmd::cargo::cargo_bin("isolux")).args(arguments);
+        let output = command.current_dir(folder.path()).output().ok()?;
+        let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+        let code = output.status.code().filter(|&code| code == 0 || code == 2)?;
+        Some((code, text(output.stdout), text(output.stderr)))
+    };
+    let picture = [&PICTURE[..3], &["disk/o.exr"], &PICTURE[4..]].concat();
+    let full = disk("true", &picture);
+    let read_only = disk("mount -o remount,ro none disk", &picture);
+    let (Some(full), Some(read_only)) = (full, read_only) else {
+        eprintln!("skipped: no disk can be mounted here");
+        return;
+    };
+    for ((code, there, said), cause) in [(full, "No space left"), (read_only, "Read-only")] {
+        assert_eq!(code, 2, "{said}");
+        assert!(said.contains("disk/o.exr: cannot") && said.contains(cause), "{said}");
+        assert_eq!(there, "old\no.exr\n", "{said}");
+    }
+}
+
+#[test]
+fn memory_that_is_short_is_one_clear_error() {
+    let folder = folder();
+    let scene = |name: &str| format!("{}/scenes/{name}", env!("CARGO_MANIFEST_DIR"));
+    let [box_, stairs] = ["cornell-box.toml", "spiral-stairs.gltf"].map(scene);
+    let render = ["-o", "o.exr", "--levels", "1", "--samples", "4", "--spp", "1", "--size"];
+    let solve = ["solve", &box_, "-o", "o.light", "--max-edge", "20", "--samples", "4"];
+    let runs = [
+        vec!["info", &stairs],
+        solve.to_vec(),
+        [&["render", &stairs][..], &render, &["160x120"]].concat(),
+        [&["render", &box_][..], &render, &["2000x1000", "--shading", "smooth"]].concat(),
+    ];
+    let mut refused = 0;
+    for arguments in &runs {
+        for kibibytes in [70_000, 90_000, 115_000, 150_000, 200_000, 260_000, 340_000] {
+            let limit = format!("ulimit -v {kibibytes}");
+            // Below this limit not even the program itself can be loaded.
+            if !end(limited(folder.path(), &limit, &["--version"])).0.success() {
+                continue;
+            }
+            let arguments = [&arguments[..], &["--threads", "2"][..arguments.len().min(3) - 1]];
+            let arguments = arguments.concat();
+            let (status, said) = end(limited(folder.path(), &limit, &arguments));
+            assert!(
+                matches!(status.code(), Some(0 | 2)),
+                "{limit}: {arguments:?}: {status}: {said}"
+            );
+            if status.success() {
+                continue;
+            }
+            refused += 1;
+            let has_figures = said.contains("may be used") || said.contains("memory allocation of");
+            let is_clear = has_figures || said.contains("cannot start the threads");
+            assert!(is_clear && said.matches("error: ").count() <= 1, "{limit}: {said}");
+        }
+    }
+    assert!(refused > 4, "{refused}");
+}
+
+/// Cuts a file in the moment that the program has it open. Returns whether that moment was caught, and how the
+/// run ended.
+fn cut_while_read(
+    folder: &Path,
+    arguments: &[&str],
+    (file, bytes): (&str, &[u8]),
+    left: u64,
+) -> (bool, ExitStatus, String) {
+    let path = folder.join(file);
+    fs::write(&path, bytes).expect("a file");
+    let handle = fs::File::options().write(true).open(&path).expect("it is there");
+    let mut child = program(folder, arguments).spawn().expect("it runs");
+    let began = Instant::now();
+    let is_caught = loop {
+        if open_files(&child).iter().any(|(open, _)| *open == path) {
+            handle.set_len(left).expect("it can be cut");
+            break true;
+        }
+        if child.try_wait().expect("a state").is_some() {
+            break false;
+        }
+        assert!(began.elapsed() < Duration::from_secs(60), "{arguments:?} takes too long");
+    };
+    let output = child.wait_with_output().expect("it ends");
+    (is_caught, output.status, String::from_utf8(output.stderr).expect("UTF-8"))
+}
+
+#[test]
+fn a_file_that_shrinks_while_it_is_read_is_an_error_or_was_read_before() {
+    let folder = folder();
+    let path = fs::canonicalize(folder.path()).expect("a folder");
+    // Comments take time to read, and hardly any to understand.
+    let model =
+        "# a comment as long as a line\n".repeat(200_000) + "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let noise: Vec<u8> =
+        (0..3_000_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    let picture = image::RgbImage::from_raw(1000, 1000, noise).expect("three bytes per pixel");
+    picture.save(path.join("t.png")).expect("a picture");
+    let texture = fs::read(path.join("t.png")).expect("a picture");
+    let uv = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    fs::write(path.join("t.obj"), uv).expect("a file");
+    fs::write(path.join("t.mtl"), "newmtl m\nmap_Kd t.png\nKe 1 1 1\n").expect("a file");
+    let flags = ["--levels", "8", "--samples", "1", "--solver", "southwell", "--iterations", "1"];
+    let solve = [&["solve", "s.obj", "-o", "l.light"][..], &flags].concat();
+    let (status, said) = end(program(&path, &solve));
+    assert!(status.success(), "{said}");
+    let light = fs::read(path.join("l.light")).expect("light");
+    let render = ["render", "l.light", "-o", "o.png", "--size", "8x8", "--spp", "1"];
+    let files: [(&str, &[u8], &[&str]); 3] = [
+        ("m.obj", model.as_bytes(), &["info", "m.obj"]),
+        ("t.png", &texture, &["info", "t.obj"]),
+        ("l.light", &light, &render),
+    ];
+    for (file, bytes, arguments) in files {
+        let (mut caught, mut complained) = (0, 0);
+        for tenths in [0, 3, 5, 9, 0, 3, 5, 9] {
+            let left = bytes.len() as u64 * tenths / 10;
+            let (is_caught, status, said) = cut_while_read(&path, arguments, (file, bytes), left);
+            assert!(matches!(status.code(), Some(0 | 2)), "{file}: {status}: {said}");
+            let complains = said.contains(&format!("{file}:"));
+            assert!(complains || status.success(), "{file}: {said}");
+            caught += u32::from(is_caught);
+            complained += u32::from(complains);
+        }
+        eprintln!("{file}: cut while open in {caught} of 8 runs, which {complained} runs noticed");
+    }
+}
