@@ -15,7 +15,17 @@ const TERM: i32 = 15;
 
 /// A folder with `s.obj`, a triangle that shines.
 fn folder() -> TempDir {
-    let folder = tempfile::tempdir().expect("a temporary folder");
+    with_triangle(tempfile::tempdir().expect("a temporary folder"))
+}
+
+/// As [`folder`], in memory where there is such a disk: files are cut there without waiting for a journal.
+fn folder_in_memory() -> TempDir {
+    with_triangle(
+        tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder"),
+    )
+}
+
+fn with_triangle(folder: TempDir) -> TempDir {
     let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
     write("s.obj", "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
     write("s.mtl", "newmtl m\nKd .5 .5 .5\nKe 1 1 1\n");
@@ -79,7 +89,11 @@ struct Signals {
 impl Signals {
     fn new() -> Signals {
         let loops = "while read -r signal process; do kill \"-$signal\" \"$process\"; done";
-        let shell = Command::new("sh").args(["-c", loops]).stdin(Stdio::piped()).spawn();
+        let shell = Command::new("sh")
+            .args(["-c", loops])
+            .stdin(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
         let mut shell = shell.expect("it runs");
         Signals { orders: shell.stdin.take(), shell }
     }
@@ -302,12 +316,13 @@ fn memory_that_is_short_is_one_clear_error() {
     let scene = |name: &str| format!("{}/scenes/{name}", env!("CARGO_MANIFEST_DIR"));
     let [box_, stairs] = ["cornell-box.toml", "spiral-stairs.gltf"].map(scene);
     let render = ["-o", "o.exr", "--levels", "1", "--samples", "4", "--spp", "1", "--size"];
-    let solve = ["solve", &box_, "-o", "o.light", "--max-edge", "20", "--samples", "4"];
+    let solve =
+        ["solve", &box_, "-o", "o.light", "--max-edge", "30", "--samples", "4", "--threads"];
     let runs = [
         vec!["info", &stairs],
-        solve.to_vec(),
-        [&["render", &stairs][..], &render, &["160x120"]].concat(),
-        [&["render", &box_][..], &render, &["2000x1000", "--shading", "smooth"]].concat(),
+        [&solve[..], &["2"]].concat(),
+        [&["render", &stairs][..], &render, &["160x120", "--threads", "2"]].concat(),
+        [&["render", &box_][..], &render, &["1500x1000", "--shading", "flat"]].concat(),
     ];
     let mut refused = 0;
     for arguments in &runs {
@@ -317,9 +332,7 @@ fn memory_that_is_short_is_one_clear_error() {
             if !end(limited(folder.path(), &limit, &["--version"])).0.success() {
                 continue;
             }
-            let arguments = [&arguments[..], &["--threads", "2"][..arguments.len().min(3) - 1]];
-            let arguments = arguments.concat();
-            let (status, said) = end(limited(folder.path(), &limit, &arguments));
+            let (status, said) = end(limited(folder.path(), &limit, arguments));
             assert!(
                 matches!(status.code(), Some(0 | 2)),
                 "{limit}: {arguments:?}: {status}: {said}"
@@ -365,7 +378,7 @@ fn cut_while_read(
 
 #[test]
 fn a_file_that_shrinks_while_it_is_read_is_an_error_or_was_read_before() {
-    let folder = folder();
+    let folder = folder_in_memory();
     let path = fs::canonicalize(folder.path()).expect("a folder");
     // Comments take time to read, and hardly any to understand.
     let model =
@@ -378,7 +391,7 @@ fn a_file_that_shrinks_while_it_is_read_is_an_error_or_was_read_before() {
     let uv = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
     fs::write(path.join("t.obj"), uv).expect("a file");
     fs::write(path.join("t.mtl"), "newmtl m\nmap_Kd t.png\nKe 1 1 1\n").expect("a file");
-    let flags = ["--levels", "8", "--samples", "1", "--solver", "southwell", "--iterations", "1"];
+    let flags = ["--levels", "9", "--samples", "1"];
     let solve = [&["solve", "s.obj", "-o", "l.light"][..], &flags].concat();
     let (status, said) = end(program(&path, &solve));
     assert!(status.success(), "{said}");
@@ -395,8 +408,9 @@ fn a_file_that_shrinks_while_it_is_read_is_an_error_or_was_read_before() {
             let left = bytes.len() as u64 * tenths / 10;
             let (is_caught, status, said) = cut_while_read(&path, arguments, (file, bytes), left);
             assert!(matches!(status.code(), Some(0 | 2)), "{file}: {status}: {said}");
-            let complains = said.contains(&format!("{file}:"));
-            assert!(complains || status.success(), "{file}: {said}");
+            // A picture that cannot be read is a warning.
+            let complains = !status.success() || said.contains("t.png");
+            assert!(!complains || said.contains(file), "{file}: {said}");
             caught += u32::from(is_caught);
             complained += u32::from(complains);
         }
