@@ -276,7 +276,7 @@ fn fit(counts: &[u32], wanted: &mut [u32], left: Duration, per_sample: Duration)
 mod tests {
     use super::super::Gathered;
     use super::*;
-    use crate::bvh::Bvh;
+    use crate::bvh::Tracer;
     use crate::color::Rgb;
     use crate::geometry::shapes::{cube, inside_out};
     use crate::patches::{PatchMesh, Subdivision};
@@ -293,9 +293,9 @@ mod tests {
         let mesh = Arc::new(PatchMesh::subdivide(&scene, Subdivision::Levels(0)).unwrap());
         let (irradiance, uncovered) = (vec![Rgb::ONE; mesh.len()], vec![1.0; mesh.len()]);
         let light = Gathered::new(&mesh, &irradiance, &uncovered);
-        let caster = Bvh::build(scene.triangles.clone());
+        let caster = Tracer::build(&scene);
         let camera = Camera::new(DVec3::splat(0.4), DVec3::ONE, Vec3::Y, 60.0, 0.0).unwrap();
-        let frame = Frame { samples: 4, ..Frame::new(4, 3) };
+        let frame = Frame { samples: 4, ..Frame::new(4, 6) };
         let begin = || light.begin(&caster, camera.placed(DVec3::ZERO), &frame);
 
         let mut kept: Vec<Vec<u8>> = Vec::new();
