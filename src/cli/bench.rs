@@ -76,8 +76,7 @@ fn pool(threads: u32) -> Result<ThreadPool> {
     pool.map_err(|e| Error::new(format!("cannot start {threads} threads: {e}")))
 }
 
-/// A built-in scene by its name, or a file.
-/// A scene's hierarchy; what was read for it is added to `inputs`.
+/// A built-in scene by its name, or a file; what was read for it is added to `inputs`.
 fn stage(scene: &Path, seed: u64, inputs: &mut Inputs) -> Result<BenchScene> {
     if let Some(built_in) = BuiltIn::ALL.into_iter().find(|b| Path::new(b.name()) == scene) {
         return Ok(built_in.scene(seed));

@@ -183,7 +183,6 @@ fn is_special(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs::File;
 
     fn write_all(outputs: Vec<Output>) -> Result<()> {
         super::write_all(outputs, &Inputs::default())

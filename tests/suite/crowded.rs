@@ -34,8 +34,8 @@ fn drawn(folder: &Path, more: &str, seconds: u32) -> String {
         "ulimit -c 0; ulimit -t {seconds}; exec {} render s.obj -o o.png --size 8x8 {more}",
         cargo_bin("isolux").display()
     );
-    let shell = std::process::Command::new("sh").args(["-c", &command]).current_dir(folder);
-    let run = { shell }.output().expect("it runs");
+    let mut shell = std::process::Command::new("sh");
+    let run = shell.args(["-c", &command]).current_dir(folder).output().expect("it runs");
     let text = String::from_utf8_lossy(&run.stderr).into_owned();
     assert_eq!(run.status.code(), Some(0), "{:?}: {text}", run.status);
     text
