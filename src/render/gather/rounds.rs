@@ -82,6 +82,7 @@ impl Rounds {
             && (f32::MIN_POSITIVE..=f32::MAX).contains(&self.goal)
             && self.per_sample <= SLOWEST
             && self.rays <= u64::MAX / 2
+            && (self.picture.is_whole() || !self.is_finished)
     }
 
     /// Fits what another run left into this one's time.
