@@ -163,7 +163,7 @@ impl Rounds {
         if self.round == 1 && self.wanted.first().is_some_and(|&wanted| wanted < first) {
             // In steps, so that there is a picture soon. The bits do not depend on these.
             self.estimate(frame, progress);
-            self.wanted.iter_mut().for_each(|n| *n = n.saturating_mul(STEP).min(first));
+            self.wanted.iter_mut().for_each(|n| *n = n.saturating_mul(STEP).min(first).max(*n));
             return;
         }
         let is_quick = frame.error.is_none() && frame.deadline.is_none();
