@@ -8,11 +8,12 @@ use crate::error::Warning;
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 
-/// Boxes along a line up to which a scene is an ordinary one: dense scans and trees have a few dozen.
-const CROWDED: f64 = 500.0;
+/// Boxes along a line up to which a scene is an ordinary one: dense scans have a few dozen, a tree
+/// with leaves of cut-out textures some hundreds.
+const CROWDED: f64 = 1000.0;
 
 /// Boxes that the rays for one purpose may come to in a crowded scene, about: a few seconds on one thread.
-const MOST_TESTS: f64 = 2e8;
+const MOST_TESTS: f64 = 5e8;
 
 /// How much longer a ray takes at a triangle that may let it through.
 const SEE_THROUGH: f64 = 10.0;
@@ -54,7 +55,7 @@ impl Scene {
     pub(super) fn crowding_warning(&self) -> Option<Warning> {
         (self.crowding() > CROWDED).then(|| {
             Warning::new(
-                "hundreds of triangles lie along every line through the scene, which makes rays slow: its light \
+                "a thousand triangles or more lie along every line through the scene, which makes rays slow: its light \
                  is solved with few samples and large patches, unless others are asked for (--samples, --direct, \
                  --levels)",
             )
@@ -84,9 +85,9 @@ mod tests {
         // Each box has the surface of two unit squares, that around all nearly of six.
         assert!((scene.crowding() - 3000.0).abs() < 1.0, "{}", scene.crowding());
         assert_eq!(scene.affordable(1, 128), 128);
-        assert_eq!(scene.affordable(18_000, 128), 3);
+        assert_eq!(scene.affordable(18_000, 128), 9);
         assert_eq!(scene.affordable(1_000_000_000, 128), 1);
-        assert_eq!(stack(9000, 0.5).affordable(1800, 128), 3);
+        assert_eq!(stack(9000, 0.5).affordable(1800, 128), 9);
         assert!(scene.crowding_warning().is_some());
         let ordinary = stack(900, 1.0);
         assert_eq!(ordinary.affordable(1_000_000_000, 128), 128);
