@@ -62,7 +62,10 @@ pub(crate) fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) ->
 
 /// Asks for memory and gives it back untouched.
 fn can_be_had(bytes: u64) -> bool {
-    usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
+    let mut memory = Vec::<u8>::new();
+    // The compiler must not see that nothing is done with it.
+    usize::try_from(bytes)
+        .is_ok_and(|bytes| std::hint::black_box(&mut memory).try_reserve_exact(bytes).is_ok())
 }
 
 #[cfg(test)]
