@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 pub struct Misfit {
     /// The standard error that the samples leave, of the luminance; `None` where it is not known: by shooting and
     /// between pairs, whose form factors are reciprocal as they are used, so that power balances whether the light is
-    /// right or not; with regular points, or fewer than eight samples.
+    /// right or not; with regular points, or fewer than eight samples; in two levels.
     pub samples: Option<f64>,
     /// What iterations left of the power, at most.
     pub iterations: f64,

@@ -160,7 +160,9 @@ impl<'d> Plan<'d> {
             .map_err(|error| error.in_file_if_none(&self.document.file))?;
         let start = Instant::now();
         let camera = self.document.view(&self.scene, &sides, caster);
-        let figures = Figures::of(&elements.light);
+        let mut figures = Figures::of(&elements.light);
+        // That of the elements: the patches are sampled as well.
+        figures.misfit.samples = None;
         let unlit = Solution::unlit(self.document, &mesh, &self.choices, figures, camera);
         let mut part = Part::new(share, mesh.len(), unlit);
         begun.map_or(Ok(()), |begun| part.take_up(begun))?;

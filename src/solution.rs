@@ -70,7 +70,7 @@ pub struct Figures {
     /// See [`Radiosity::reciprocity_defect`].
     pub reciprocity_defect: Option<f64>,
     pub energy: Energy,
-    /// How far the power may fail to balance; in two levels that of the elements.
+    /// How far the power may fail to balance.
     pub misfit: Misfit,
     /// Rays traced for the light.
     pub rays: u64,

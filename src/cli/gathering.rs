@@ -2,7 +2,8 @@
 
 use super::partial::{ANEW, Partial};
 use super::progress::Bars;
-use crate::error::{Error, Result};
+use super::warn;
+use crate::error::{Error, Result, Warning};
 use crate::export::file::{Inputs, Output, write_all};
 use crate::export::picture::Format;
 use crate::export::sealed::Seal;
@@ -42,7 +43,7 @@ impl Gathering<'_> {
     /// the picture, and the partial file of an interrupted one.
     ///
     /// # Errors
-    /// What was kept is of another picture or damaged, and whatever the system says of previews.
+    /// What was kept is of another picture or damaged.
     pub(super) fn draw(
         &self,
         mut drawing: Drawing,
@@ -54,7 +55,7 @@ impl Gathering<'_> {
         }
         let after = |since: Instant| self.preview.map(|every| since + every);
         let mut preview = after(Instant::now());
-        let mut was_interrupted = false;
+        let (mut was_interrupted, mut has_failed) = (false, false);
         loop {
             let until = preview.map_or(partial.due(), |preview| preview.min(partial.due()));
             let is_over = drawing.go_on(Some(until), bars);
@@ -70,7 +71,7 @@ impl Gathering<'_> {
                 return Ok((image, is_interrupted.then_some(partial)));
             }
             if preview.is_some_and(|preview| Instant::now() >= preview) {
-                self.show(drawing.image())?;
+                self.show(drawing.image(), &mut has_failed);
                 // From now on, since a preview takes time itself.
                 preview = after(Instant::now());
             }
@@ -93,10 +94,19 @@ impl Gathering<'_> {
         }
     }
 
-    fn show(&self, image: Option<Image>) -> Result<()> {
-        let Some(image) = image else { return Ok(()) };
-        let bytes = Format::of(self.output)?.encode(&image, (self.exposure)(&image))?;
-        write_all(vec![Output { path: self.output.to_path_buf(), bytes }], self.inputs)
+    /// Renews the picture's file. Where that fails the run goes on: a warning says so the first time.
+    fn show(&self, image: Option<Image>, has_failed: &mut bool) {
+        let Some(image) = image else { return };
+        let format = Format::of(self.output);
+        let bytes = format.and_then(|format| format.encode(&image, (self.exposure)(&image)));
+        let path = self.output.to_path_buf();
+        let shown = bytes.and_then(|bytes| write_all(vec![Output { path, bytes }], self.inputs));
+        if let Err(error) = shown
+            && !std::mem::replace(has_failed, true)
+        {
+            let text = format!("{}; the run goes on without a preview", error.cause());
+            warn(&[Warning::in_file(self.output, None, text)]);
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 use super::staging::{NAMES, Named, Staged, folder_of, remove_leftovers, stage, target_of};
 use crate::error::{Error, ErrorKind, Result};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// A file to be written.
 pub(crate) struct Output {
@@ -103,8 +104,8 @@ fn would_overwrite(output: &Path, other: &Path) -> Error {
 struct Place {
     /// Folder and name, without links. A file that is not there yet has them too.
     path: Option<PathBuf>,
-    /// Device and number: hard links are one file.
-    file: Option<(u64, u64)>,
+    /// Hard links are one file.
+    file: Option<Identity>,
 }
 
 impl Place {
@@ -114,18 +115,22 @@ impl Place {
     }
 
     fn is(&self, other: &Place) -> bool {
-        self.path == other.path || (self.file.is_some() && self.file == other.file)
+        (self.path.is_some() && self.path == other.path)
+            || (self.file.is_some() && self.file == other.file)
     }
 }
 
+/// A file's device and number, and when it came to be: the number of a file that is gone is given to another.
+type Identity = (u64, u64, Option<SystemTime>);
+
 #[cfg(unix)]
-fn identity(path: &Path) -> Option<(u64, u64)> {
+fn identity(path: &Path) -> Option<Identity> {
     use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()))
+    std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino(), file.created().ok()))
 }
 
 #[cfg(not(unix))]
-fn identity(_: &Path) -> Option<(u64, u64)> {
+fn identity(_: &Path) -> Option<Identity> {
     None
 }
 

@@ -97,4 +97,8 @@ fn what_is_wrong_by_as_much_as_its_error_is_a_warning() {
         let text = said(&Path::new("scenes").join(scene).with_extension("toml"), &[]);
         assert!(!text.contains("the power "), "{scene}: {text}");
     }
+    // The patches of two levels are sampled, too, and few samples are no overlap.
+    let few = ["--solver", "two-level", "--levels", "1", "--samples", "16"];
+    let text = said(Path::new("scenes/course-room.toml"), &few);
+    assert!(!text.contains("counted twice"), "{text}");
 }

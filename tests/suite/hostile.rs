@@ -127,6 +127,13 @@ fn no_name_of_an_input_is_taken_for_an_output() {
     let (code, text) = said(&folder, &["render", "s.obj", "-o", "out.png", "--size", "4x4"]);
     assert!(code == Some(2) && text.contains("would overwrite"), "{text}");
     assert!(fs::read_to_string(folder.path().join("s.mtl")).unwrap().starts_with("newmtl"));
+    // Nor that of one that could not be understood.
+    let texture = folder.path().join("t.png");
+    fs::write(&texture, "no picture").unwrap();
+    fs::write(folder.path().join("s.mtl"), "newmtl m\nKe 1 1 1\nmap_Kd t.png\n").unwrap();
+    let (code, text) = said(&folder, &["render", "s.obj", "-o", "t.png", "--size", "4x4"]);
+    assert!(code == Some(2) && text.contains("would overwrite"), "{text}");
+    assert_eq!(fs::read(&texture).unwrap(), b"no picture");
 }
 
 #[cfg(target_os = "linux")]

@@ -22,16 +22,15 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
             if !seen.insert(file.clone()) {
                 continue;
             }
+            // Also one that cannot be read is the user's.
+            if file.exists() {
+                library.files.push(file.clone());
+            }
             match read_text_bytes(&file) {
-                Ok(bytes) => {
-                    library.files.push(file.clone());
-                    match decode(bytes, &file, "MTL") {
-                        Ok(text) => library.add(&file, &text, &mut obj.warnings),
-                        Err(error) => {
-                            unreadable.push((asked.line, file, error.cause().to_owned()));
-                        }
-                    }
-                }
+                Ok(bytes) => match decode(bytes, &file, "MTL") {
+                    Ok(text) => library.add(&file, &text, &mut obj.warnings),
+                    Err(error) => unreadable.push((asked.line, file, error.cause().to_owned())),
+                },
                 Err(error) => unreadable.push((asked.line, file, error.to_string())),
             }
         }

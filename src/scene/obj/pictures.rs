@@ -88,9 +88,12 @@ impl Pictures {
                 Texture::new(name, size, texture.pixels.clone(), wrap)
             }
             None => {
+                // Also one that shows nothing is the user's.
+                if path.exists() {
+                    self.files.push(path.to_path_buf());
+                }
                 let decoded = self.ahead.get(path).cloned().unwrap_or_else(|| decode(path));
                 let texture = decoded?.wrapped(wrap);
-                self.files.push(path.to_path_buf());
                 if used.opacity { with_opacity(texture) } else { texture }
             }
         };

@@ -2,6 +2,7 @@
 
 use super::{MAX_BYTES, MAX_SIDE, Texture, Wrap};
 use crate::error::{Error, Result};
+use crate::memory;
 use image::{DynamicImage, ImageError, ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
 use std::path::Path;
@@ -52,6 +53,9 @@ fn decoded(bytes: &[u8], format: ImageFormat) -> Result<DynamicImage> {
         return Err(Error::new(format!("the picture has {width} × {height} pixels"))
             .remedy("scale it down: 8192 × 8192 pixels are the most"));
     }
+    // Twice: as it is stored, with two bytes per number at most, and as it is used.
+    let needed = (8 + 4) * u64::from(width) * u64::from(height);
+    memory::check("the picture", needed, memory::available(), "scale it down")?;
     if format == ImageFormat::Jpeg && is_cut_short(bytes) {
         return Err(Error::new("the picture was cut short").remedy("copy it again"));
     }

@@ -105,6 +105,9 @@ fn program(folder: &Path, input: &[u8]) {
         let said = String::from_utf8([output.stdout, output.stderr].concat()).expect("UTF-8");
         let code = output.status.code();
         assert!(matches!(code, Some(0 | 2)), "{arguments:?}: {}: {said}", output.status);
+        for aborted in ["overflowed its stack", "fatal runtime error", "memory allocation of"] {
+            assert!(!said.contains(aborted), "{arguments:?}: {said}");
+        }
         assert!(said.chars().all(|c| c == '\n' || !c.is_control()), "{said:?}");
         assert!(said.len() < 1 << 16, "{} bytes: {said:.2000}", said.len());
         let is_drawn = arguments[0] == "render" && code == Some(0);
