@@ -29,7 +29,7 @@ pub struct Misfit {
     /// between pairs, whose form factors are reciprocal as they are used, so that power balances whether the light is
     /// right or not; with regular points, or fewer than eight samples; in two levels.
     pub samples: Option<f64>,
-    /// What iterations left of the power, at most.
+    /// The power that iterations left, at most.
     pub iterations: f64,
 }
 

@@ -13,7 +13,7 @@ use fearless_simd::Simd;
 /// Rays in flight, each in a slot of its own. With 16 or 64 nothing changed beyond the noise.
 pub(super) const SLOTS: usize = 32;
 
-/// What a ray does next: the lists of a [`Turn`].
+/// The lists of a [`Turn`]: a ray is at a node, at a leaf or finished.
 const AT_NODE: usize = 0;
 const AT_LEAF: usize = 1;
 const FINISHED: usize = 2;

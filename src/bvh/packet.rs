@@ -138,7 +138,7 @@ impl<S: Simd> Packet<S> {
         self.rank = take.select(rank, self.rank);
     }
 
-    /// What the ray in a lane has found.
+    /// The nearest hit so far of the ray in a lane.
     #[inline(always)]
     pub fn hit(&self, lane: usize) -> Option<Hit> {
         let number = |lanes: &f32x8<S>| lanes.as_array()[lane];

@@ -19,7 +19,7 @@ pub(super) type Entry = i64;
 /// The entry below all others on a stack: as near as can be, so that it is never left out.
 const END: Entry = 0;
 
-/// What is next when a walk is over. The root is nobody's child, so that nothing else says so.
+/// The next child when a walk is over. The root is nobody's child, so that nothing else says so.
 pub(super) const OVER: Child = Child(END as u32);
 
 /// The triangle of no hit.

@@ -1,4 +1,4 @@
-//! Scenes in which so many triangles lie in one place that every ray meets a large part of them.
+//! Scenes in which so many triangles lie in one place that each ray meets a large part of them.
 //!
 //! No hierarchy helps there: n triangles that share a place cost each ray a time that grows with n, and rays that grow
 //! with n as well would take n². So the light of such a scene is solved with fewer of them.

@@ -27,8 +27,8 @@ fn model(triangles: impl Iterator<Item = [Corner; 3]>, opacity: f64) -> TempDir 
     folder
 }
 
-/// What is said of a small picture, which may take so many seconds of all processors together. The system kills a run
-/// that takes more.
+/// Draws a small picture and returns the messages. The system kills a run that takes more than `seconds` of
+/// processor time.
 fn drawn(folder: &Path, more: &str, seconds: u32) -> String {
     let command = format!(
         "ulimit -c 0; ulimit -t {seconds}; exec {} render s.obj -o o.png --size 8x8 {more}",

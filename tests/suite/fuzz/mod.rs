@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// What a process is to do: it is told by an environment variable.
+/// The work of one process, which an environment variable tells it.
 #[derive(Serialize, Deserialize)]
 struct Job {
     target: String,
