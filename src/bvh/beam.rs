@@ -7,7 +7,7 @@
 use super::WIDTH;
 use super::node::Node;
 use super::packet::Packet;
-use super::ray_lanes::STRETCH;
+use super::ray_lanes::stretched;
 use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// The ranges of a packet's origins and inverse directions.
@@ -69,7 +69,7 @@ impl<S: Simd> Beam<S> {
             }
             number += 1;
         }
-        let entered = near.simd_le(far * f32x8::splat(simd, STRETCH)).to_bitmask();
+        let entered = near.simd_le(stretched(far)).to_bitmask();
         (entered & node.slots(simd), near.into())
     }
 }

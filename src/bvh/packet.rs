@@ -4,7 +4,7 @@ use super::WIDTH;
 use super::leaf::{NO_RANK, id_of};
 use super::met::Met;
 use super::node::Node;
-use super::ray_lanes::{SHORT, STRETCH};
+use super::ray_lanes::{SHORT, stretched};
 use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
@@ -210,13 +210,13 @@ impl<S: Simd> Packet<S> {
                 axis += 1;
             }
         }
-        (near.simd_le(far * f32x8::splat(simd, STRETCH)), near)
+        (near.simd_le(stretched(far)), near)
     }
 
     /// The rays that can still find something at `entry` or beyond, as a mask.
     #[inline(always)]
     pub(super) fn reaching(&self, entry: f32) -> u64 {
-        let last = self.t_max * self.t_scale * f32x8::splat(self.simd, STRETCH);
+        let last = stretched(self.t_max * self.t_scale);
         last.simd_ge(f32x8::splat(self.simd, entry)).to_bitmask()
     }
 }

@@ -10,6 +10,12 @@ use glam::Vec3;
 /// *Robust BVH Ray Traversal*, JCGT 2(2), 2013).
 pub(super) const STRETCH: f32 = 1.0 + 6.0 * f32::EPSILON / 2.0;
 
+/// A distance moved outwards by as much, wherever it lies.
+#[inline(always)]
+pub(super) fn stretched<S: Simd>(far: f32x8<S>) -> f32x8<S> {
+    far + far.abs() * f32x8::splat(far.simd, STRETCH - 1.0)
+}
+
 /// 2⁻⁶⁴: below it directions are lengthened for the box test, to at least 2⁻⁸⁵ for any denormal.
 pub(super) const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
 
@@ -96,9 +102,8 @@ impl<'r, S: Simd> RayLanes<'r, S> {
         let far = self
             .slab(node, 0, 1 - x)
             .min(self.slab(node, 1, 1 - y))
-            .min(self.slab(node, 2, 1 - z).min(f32x8::splat(self.simd, t_max)))
-            * f32x8::splat(self.simd, STRETCH);
-        (near.simd_le(far), near)
+            .min(self.slab(node, 2, 1 - z).min(f32x8::splat(self.simd, t_max)));
+        (near.simd_le(stretched(far)), near)
     }
 
     /// Where the ray crosses eight boxes' planes.

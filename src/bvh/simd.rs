@@ -24,6 +24,17 @@ pub(crate) fn level() -> Result<Level> {
     }
 }
 
+/// What people call an instruction set.
+pub(crate) fn name(level: Level) -> &'static str {
+    match level {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512(_) => "AVX-512",
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2(_) => "AVX2",
+        _ => "portable",
+    }
+}
+
 /// The instruction set of that name.
 pub(crate) fn level_of(name: &str) -> Result<Level> {
     let level = match name {

@@ -9,7 +9,7 @@ use super::kernel8::LeafKernel;
 use super::leaf::{Leaf, NO_RANK, id_of};
 use super::node::Node;
 use super::packet::{Packet, band_scale, columns, longest};
-use super::ray_lanes::STRETCH;
+use super::ray_lanes::stretched;
 use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray};
 use fearless_simd::{Simd, f32x8, mask8x32, prelude::*, u8x32};
@@ -196,7 +196,7 @@ impl Rows {
             far = far.min(a.max(b));
             axis += 1;
         }
-        near.simd_le(far * f32x8::splat(simd, STRETCH)).to_bitmask()
+        near.simd_le(stretched(far)).to_bitmask()
     }
 
     /// Asks the rays of a list about each triangle of a leaf.

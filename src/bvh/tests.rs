@@ -85,6 +85,37 @@ fn every_answer_is_brute_forces_bit_for_bit() {
 }
 
 #[test]
+fn what_lies_behind_the_origin_is_found_as_what_lies_ahead() {
+    for (count, seed) in [(40, 5), (2000, 6)] {
+        let triangles = soup(count, seed);
+        let ahead = BruteForce::<MollerTrumbore>::new(&triangles);
+        let mut rays = rays(2000, seed, &triangles);
+        // Close together, so that they go as packets.
+        let across = |i: u32| Vec3::new(1.0, (i % 8) as f32 * 0.01, (i / 8) as f32 * 0.002 - 0.3);
+        rays.extend((0..1024).map(|i| Ray::new(Vec3::new(-3.0, 0.1, 0.2), across(i))));
+        // The same points, one ray to the hit and no farther, one to either side of the origin.
+        let behind: Vec<Ray> = rays
+            .iter()
+            .filter_map(|ray| Some((ray, -ahead.nearest(ray)?.t)))
+            .flat_map(|(ray, t)| {
+                [(t.next_down(), t), (2.0 * t - 1.0, 1.0)].map(|(t_min, t_max)| Ray {
+                    direction: -ray.direction,
+                    t_min,
+                    t_max,
+                    ..*ray
+                })
+            })
+            .collect();
+        assert!(behind.len() > 1000, "the rays must hit something");
+        assert_same_as_brute_force::<MollerTrumbore>(&triangles, &behind);
+        let [one_point, both_sides] =
+            [0, 1].map(|k| behind.iter().copied().skip(k).step_by(2).collect::<Vec<_>>());
+        assert_same_as_brute_force::<MollerTrumbore>(&triangles, &one_point);
+        assert_same_as_brute_force::<MollerTrumbore>(&triangles, &both_sides);
+    }
+}
+
+#[test]
 fn every_instruction_set_gives_the_same_bits() {
     for (count, seed) in [(40, 8), (500, 9), (5000, 9)] {
         let triangles = soup(count, seed);

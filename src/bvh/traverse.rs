@@ -30,9 +30,28 @@ pub(super) const NOTHING: TriangleId = TriangleId(u32::MAX);
 #[repr(align(64))]
 pub(super) struct Walk {
     prepared: PreparedRay,
-    nearest: Hit,
+    nearest: Nearest,
     /// Where its stack ends: one behind the entry on top.
     end: usize,
+}
+
+/// The nearest hit so far, or [`NOTHING`] at the ray's end. Its u and v are still to be divided by `det`: once
+/// for a ray, not at every leaf.
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
+struct Nearest {
+    t: f32,
+    u: f32,
+    v: f32,
+    det: f32,
+    triangle: TriangleId,
+}
+
+impl From<Hit> for Nearest {
+    #[inline(always)]
+    fn from(Hit { triangle, t, u, v }: Hit) -> Self {
+        Nearest { t, u, v, det: 1.0, triangle }
+    }
 }
 
 impl Walk {
@@ -54,7 +73,8 @@ impl Walk {
         stack[bottom] = END;
         stack[bottom + 1] = from.0 as Entry;
         let nothing = Hit { triangle: NOTHING, t: ray.t_max, u: 0.0, v: 0.0 };
-        Walk { prepared: PreparedRay::new(ray), nearest: found.unwrap_or(nothing), end: bottom + 2 }
+        let nearest = Nearest::from(found.unwrap_or(nothing));
+        Walk { prepared: PreparedRay::new(ray), nearest, end: bottom + 2 }
     }
 
     /// The child on top of the stack.
@@ -71,7 +91,8 @@ impl Walk {
 
     #[inline(always)]
     pub(super) fn hit(&self) -> Option<Hit> {
-        if self.nearest.triangle == NOTHING { None } else { Some(self.nearest) }
+        let Nearest { t, u, v, det, triangle } = self.nearest;
+        if triangle == NOTHING { None } else { Some(Hit { triangle, t, u: u / det, v: v / det }) }
     }
 
     /// The next child to visit, or [`OVER`]. Children behind the nearest hit are left out.
@@ -160,9 +181,9 @@ impl Walk {
             let number = |lanes: &f32x8<S>| lanes.as_array()[lane];
             let (u, v) = (number(&met.u) / number(&met.det), number(&met.v) / number(&met.det));
             let hit = Hit { triangle: leaf.id(lane), t: number(&met.t), u, v };
-            let place = |hit: &Hit| (hit.t, hit.triangle);
-            if place(&hit) < place(&self.nearest) && stops(&hit) {
-                self.nearest = hit;
+            let nearest = (self.nearest.t, self.nearest.triangle);
+            if (hit.t, hit.triangle) < nearest && stops(&hit) {
+                self.nearest = hit.into();
             }
         }
     }
@@ -188,11 +209,11 @@ impl Walk {
             (least < nearest.t) | ((least == nearest.t) & (triangle < nearest.triangle));
         let take = is_met & is_nearer;
         let number = |lanes: &f32x8<S>| lanes.as_array()[lane];
-        let (u, v) = (number(&met.u) / number(&met.det), number(&met.v) / number(&met.det));
         nearest.triangle.0 = select_unpredictable(take, triangle.0, nearest.triangle.0);
         nearest.t = select_unpredictable(take, least, nearest.t);
-        nearest.u = select_unpredictable(take, u, nearest.u);
-        nearest.v = select_unpredictable(take, v, nearest.v);
+        nearest.u = select_unpredictable(take, number(&met.u), nearest.u);
+        nearest.v = select_unpredictable(take, number(&met.v), nearest.v);
+        nearest.det = select_unpredictable(take, number(&met.det), nearest.det);
     }
 }
 

@@ -5,7 +5,7 @@ use super::{say, warn};
 use crate::bench::race::{Contender, Engine, Query, Rates, race};
 use crate::bench::rays::Workload;
 use crate::bench::scenes::{BenchScene, BuiltIn};
-use crate::bvh::Bvh;
+use crate::bvh::{Bvh, simd};
 use crate::error::{Error, Result};
 use crate::export::file::{Inputs, Output, check_writable, write_all};
 use crate::geometry::{MollerTrumbore, Ray};
@@ -43,6 +43,12 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
+    /// The instruction set that Embree traces with [default: Embree's choice]. ISOLUX_SIMD=avx2 or portable
+    /// chooses ours
+    #[cfg(feature = "embree")]
+    #[arg(long, value_name = "ISA")]
+    embree_isa: Option<crate::oracle::Isa>,
+
     /// Write the results as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -56,7 +62,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let scenes = if arguments.scenes.is_empty() { built_in() } else { arguments.scenes.clone() };
     let pools = arguments.threads.iter().map(|&n| pool(n)).collect::<Result<Vec<_>>>()?;
 
-    let mut report = Report { oracle: oracle()?, ..Report::default() };
+    let mut report = Report {
+        native: simd::name(simd::level()?),
+        oracle: oracle(arguments)?,
+        ..Report::default()
+    };
     let mut inputs = Inputs::default();
     for scene in &scenes {
         let stage = stage(scene, arguments.seed, &mut inputs)?;
@@ -94,6 +104,8 @@ fn stage(scene: &Path, seed: u64, inputs: &mut Inputs) -> Result<BenchScene> {
 /// The measurements, for programs.
 #[derive(Default, Serialize)]
 struct Report {
+    /// Our instruction set.
+    native: &'static str,
     oracle: String,
     builds: Vec<Build>,
     results: Vec<Outcome>,
@@ -147,10 +159,10 @@ fn measure(
         let start = Instant::now();
         drop(Bvh::<MollerTrumbore>::build(stage.triangles.clone()));
         native_seconds.push(start.elapsed().as_secs_f64());
-        embree_seconds.extend(oracle_build_seconds(stage)?);
+        embree_seconds.extend(oracle_build_seconds(arguments, stage)?);
     }
     let native = Bvh::<MollerTrumbore>::build(stage.triangles.clone());
-    let casters = oracle_casters(stage)?;
+    let casters = oracle_casters(arguments, stage)?;
     report.builds.push(Build {
         scene: stage.name.clone(),
         triangles: stage.triangles.len(),
@@ -225,8 +237,8 @@ fn compete(
 
 #[cfg(feature = "embree")]
 mod embree {
-    use super::{BenchScene, Contender, Engine, Result};
-    use crate::oracle::{Device, EmbreeScene, Options, Packets};
+    use super::{Arguments, BenchScene, Contender, Engine, Result};
+    use crate::oracle::{Device, EmbreeScene, Isa, Options, Packets};
     use std::time::Instant;
 
     pub(super) struct Casters {
@@ -234,20 +246,27 @@ mod embree {
         all: Vec<(&'static str, Contender, EmbreeScene)>,
     }
 
-    pub(super) fn oracle() -> Result<String> {
-        Ok(Device::new("")?.description())
+    fn device(arguments: &Arguments) -> Result<Device> {
+        Device::new(arguments.embree_isa.map_or("", Isa::config))
+    }
+
+    pub(super) fn oracle(arguments: &Arguments) -> Result<String> {
+        Ok(device(arguments)?.description())
     }
 
     /// The time that Embree's default kernel takes, at its highest quality.
-    pub(super) fn oracle_build_seconds(stage: &BenchScene) -> Result<Option<f64>> {
-        let device = Device::new("")?;
+    pub(super) fn oracle_build_seconds(
+        arguments: &Arguments,
+        stage: &BenchScene,
+    ) -> Result<Option<f64>> {
+        let device = device(arguments)?;
         let start = Instant::now();
         EmbreeScene::build(&device, &stage.triangles, Options::default())?;
         Ok(Some(start.elapsed().as_secs_f64()))
     }
 
-    pub(super) fn oracle_casters(stage: &BenchScene) -> Result<Casters> {
-        let device = Device::new("")?;
+    pub(super) fn oracle_casters(arguments: &Arguments, stage: &BenchScene) -> Result<Casters> {
+        let device = device(arguments)?;
         let mut casters = Casters { bytes: None, all: Vec::new() };
         for (contender, names) in [
             (Contender::Embree, ["Embree 1", "Embree 8", "Embree 16"]),
@@ -281,21 +300,21 @@ use embree::{oracle, oracle_build_seconds, oracle_casters};
 
 #[cfg(not(feature = "embree"))]
 mod alone {
-    use super::{BenchScene, Engine, Result};
+    use super::{Arguments, BenchScene, Engine, Result};
 
     pub(super) struct Casters {
         pub bytes: Option<usize>,
     }
 
-    pub(super) fn oracle() -> Result<String> {
-        Ok("without Embree; to race it, build with --features embree (see the README)".into())
+    pub(super) fn oracle(_: &Arguments) -> Result<String> {
+        Ok("nothing; to race Embree, build with --features embree (see the README)".into())
     }
 
-    pub(super) fn oracle_build_seconds(_: &BenchScene) -> Result<Option<f64>> {
+    pub(super) fn oracle_build_seconds(_: &Arguments, _: &BenchScene) -> Result<Option<f64>> {
         Ok(None)
     }
 
-    pub(super) fn oracle_casters(_: &BenchScene) -> Result<Casters> {
+    pub(super) fn oracle_casters(_: &Arguments, _: &BenchScene) -> Result<Casters> {
         Ok(Casters { bytes: None })
     }
 
@@ -310,7 +329,7 @@ use alone::{oracle, oracle_build_seconds, oracle_casters};
 
 impl Report {
     fn to_text(&self) -> String {
-        let mut text = format!("native against {}\n\n", self.oracle);
+        let mut text = format!("native ({}) against {}\n\n", self.native, self.oracle);
         let _ = writeln!(
             text,
             "{:<22} {:>9} {:>10} {:>10} {:>12} {:>12}",

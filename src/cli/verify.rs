@@ -23,6 +23,8 @@ use crate::verify::rays::{RayKind, RaySource};
 use crate::verify::stress_mesh::stress_scene;
 use crate::verify::survey::{Finding, Peer, sum, survey};
 use crate::verify::tally::Tally;
+#[cfg(feature = "embree")]
+use clap::{ValueEnum, builder::PossibleValue};
 use pipeline::PipelineReport;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -72,31 +74,28 @@ pub(super) struct Arguments {
     embree_isa: Option<IsaName>,
 }
 
-/// The values of `--embree-isa`.
+/// The values of `--embree-isa`: an instruction set, or all.
 #[cfg(feature = "embree")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum IsaName {
-    Sse2,
-    #[value(name = "sse4.2")]
-    Sse42,
-    Avx,
-    Avx2,
-    Avx512,
-    All,
-}
+#[derive(Debug, Clone, Copy)]
+struct IsaName(Option<Isa>);
 
 #[cfg(feature = "embree")]
-impl IsaName {
-    /// `None` for all of them.
-    fn isa(self) -> Option<Isa> {
-        match self {
-            IsaName::Sse2 => Some(Isa::Sse2),
-            IsaName::Sse42 => Some(Isa::Sse42),
-            IsaName::Avx => Some(Isa::Avx),
-            IsaName::Avx2 => Some(Isa::Avx2),
-            IsaName::Avx512 => Some(Isa::Avx512),
-            IsaName::All => None,
-        }
+impl ValueEnum for IsaName {
+    fn value_variants<'a>() -> &'a [Self] {
+        const NAMES: [IsaName; Isa::ALL.len() + 1] = {
+            let mut names = [IsaName(None); Isa::ALL.len() + 1];
+            let mut number = 0;
+            while number < Isa::ALL.len() {
+                names[number] = IsaName(Some(Isa::ALL[number]));
+                number += 1;
+            }
+            names
+        };
+        &NAMES
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        self.0.map_or(Some(PossibleValue::new("all")), |isa| isa.to_possible_value())
     }
 }
 
@@ -106,7 +105,7 @@ fn embree_configurations(arguments: &Arguments) -> Result<Vec<&'static str>> {
     let Some(name) = arguments.embree_isa else {
         return Ok(vec![""]);
     };
-    if let Some(isa) = name.isa() {
+    if let IsaName(Some(isa)) = name {
         return Ok(vec![isa.config()]);
     }
     if arguments.json.is_some() || arguments.diff_image.is_some() {

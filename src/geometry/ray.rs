@@ -6,8 +6,7 @@ use glam::Vec3;
 /// The points `origin + t · direction` with t in (`t_min`, `t_max`].
 ///
 /// The direction need not have unit length; t is measured in multiples of it.
-/// `t_min` should not be negative: hierarchies are made for what lies ahead, and may lose what lies
-/// behind the origin.
+/// With a negative `t_min` it reaches behind the origin.
 // Its eight numbers are one load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C)]

@@ -5,9 +5,10 @@ use std::fmt;
 /// An instruction set of x86-64 for which Embree has kernels of its own, from the oldest to the newest.
 ///
 /// Its approximate reciprocal differs between them, and with it the last bits of t, u and v.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Isa {
     Sse2,
+    #[value(name = "sse4.2")]
     Sse42,
     Avx,
     Avx2,
