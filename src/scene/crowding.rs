@@ -1,4 +1,4 @@
-//! Scenes in which so many triangles lie in one place that each ray meets a large part of them.
+//! Scenes in which so many triangles lie in one place that a ray meets a large part of them.
 //!
 //! No hierarchy helps there: n triangles that share a place cost each ray a time that grows with n, and rays that grow
 //! with n as well would take n². So the light of such a scene is solved with fewer of them.
@@ -55,8 +55,8 @@ impl Scene {
     pub(super) fn crowding_warning(&self) -> Option<Warning> {
         (self.crowding() > CROWDED).then(|| {
             Warning::new(
-                "a thousand triangles or more lie along every line through the scene, which makes rays slow: its light \
-                 is solved with few samples and large patches, unless others are asked for (--samples, --direct, \
+                "a line through the scene meets the boxes of a thousand triangles or more in the mean (see-through ones \
+                 count as ten), which makes rays slow: its light is solved with few samples and large patches, unless others are asked for (--samples, --direct, \
                  --levels)",
             )
         })
