@@ -14,6 +14,8 @@ pub struct Error {
     line: Option<usize>,
     cause: String,
     remedy: Option<String>,
+    /// Whether a file is to blame, whatever else is asked for.
+    is_of_a_file: bool,
     /// Further failures of one file, as they are shown.
     others: Vec<String>,
 }
@@ -50,13 +52,18 @@ impl Error {
             line: None,
             cause: cause.into(),
             remedy: None,
+            is_of_a_file: false,
             others: Vec::new(),
         }
     }
 
     /// An operating system's refusal to read or write `file`.
     pub fn io(file: &Path, doing: &str, error: &std::io::Error) -> Self {
-        Error::new(format!("cannot {doing}: {error}")).of_kind(ErrorKind::System).in_file(file)
+        let kind = match error.kind() {
+            std::io::ErrorKind::OutOfMemory => ErrorKind::Memory,
+            _ => ErrorKind::System,
+        };
+        Error::new(format!("cannot {doing}: {error}")).of_kind(kind).in_file(file)
     }
 
     /// The end of a computation that was asked to stop.
@@ -86,6 +93,16 @@ impl Error {
     pub fn in_file(mut self, file: &Path) -> Self {
         self.file = Some(file.to_path_buf());
         self
+    }
+
+    /// Says that a file asks for too much: what is asked for besides makes no difference.
+    pub(crate) fn of_a_file(mut self) -> Self {
+        self.is_of_a_file = true;
+        self
+    }
+
+    pub(crate) fn is_of_a_file(&self) -> bool {
+        self.is_of_a_file
     }
 
     /// Says which input the failure concerns, where nothing more exact is known.

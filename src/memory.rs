@@ -51,6 +51,7 @@ pub(crate) fn peak() -> Option<u64> {
 /// An error of kind [`ErrorKind::Memory`], with both numbers and the caller's remedy.
 pub(crate) fn check(what: &str, bytes: u64, limit: Option<u64>, remedy: &str) -> Result<()> {
     let may_be_used = match limit {
+        Some(0) if bytes > 0 => "no more memory may be used".into(),
         Some(limit) if bytes > limit => format!("{} may be used", indicatif::BinaryBytes(limit)),
         _ if can_be_had(bytes) => return Ok(()),
         _ => "the system does not give that much".into(),
@@ -79,6 +80,8 @@ mod tests {
         let error = check("a matrix", 3 << 30, Some(1 << 30), "use less").unwrap_err().to_string();
         assert!(error.contains("3.00 GiB") && error.contains("1.00 GiB"), "{error}");
         assert!(error.contains("use less"));
+        let error = check("a matrix", 409, Some(0), "").unwrap_err();
+        assert_eq!(error.cause(), "a matrix needs 409 B, and no more memory may be used");
         let error = check("a matrix", 1 << 62, None, "").unwrap_err().to_string();
         assert!(error.contains("does not give that much"), "{error}");
     }

@@ -51,7 +51,7 @@ pub fn run() -> ExitCode {
     match result {
         Ok(code) => code,
         Err(error) => {
-            complain(&format!("error: {error}\n{}", flags_for(error.kind())));
+            complain(&format!("error: {error}\n{}", flags_for(&error)));
             ExitCode::from(2)
         }
     }
@@ -76,9 +76,10 @@ fn answer(error: &clap::Error) -> ExitCode {
 }
 
 /// The flags with which a remedy can be had. The library knows none.
-fn flags_for(kind: ErrorKind) -> &'static str {
-    match kind {
+fn flags_for(error: &Error) -> &'static str {
+    match error.kind() {
         ErrorKind::Patches => "  flags: raise --max-edge or lower --levels\n",
+        ErrorKind::Memory if error.is_of_a_file() => "",
         ErrorKind::Memory => {
             "  flags: raise --max-edge or lower --levels or --samples, use --form-factors \
              hemisphere, --solver two-level or --solver southwell; each of --threads takes some, too\n"

@@ -7,7 +7,7 @@
 //! Numbers are little-endian and floats are stored as their bits.
 
 use crate::error::{Error, Result};
-use crate::scene::text::read_bytes_if;
+use crate::scene::text::{read_bytes_if, unread};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
@@ -73,9 +73,8 @@ impl Seal {
     /// # Errors
     /// A file that cannot be read.
     pub(crate) fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        read_bytes_if(path, |head| head.starts_with(self.magic)).map_err(|error| {
-            Error::io(path, &format!("read the {}", self.name), &error).remedy("check the path")
-        })
+        read_bytes_if(path, |head| head.starts_with(self.magic))
+            .map_err(|error| unread(path, &format!("the {}", self.name), &error))
     }
 
     /// A file whose parts cannot belong together.

@@ -1,11 +1,12 @@
 //! The files that a model names, which are looked for beside it.
 
 use crate::error::{Error, Result, Warning};
-use crate::scene::text::{quote, read_bytes};
+use crate::scene::text::{quote, read_bytes, unread};
 use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use percent_encoding::percent_decode_str;
+use std::io;
 use std::path::{Component, Path, PathBuf};
 
 /// Reads what a model names, relative to it, and keeps a record.
@@ -46,9 +47,10 @@ impl<'a> Files<'a> {
             *count += 1;
         }
         let path = self.model.parent().unwrap_or(Path::new("")).join(relative);
-        let bytes = read_bytes(&path).map_err(|error| {
-            Error::new(format!("cannot read {}: {error}", quote(&name)))
-                .remedy("put the file where the model looks for it")
+        let bytes = read_bytes(&path).map_err(|error| match error.kind() {
+            io::ErrorKind::OutOfMemory => unread(&path, "the file", &error),
+            _ => Error::new(format!("cannot read {}: {error}", quote(&name)))
+                .remedy("put the file where the model looks for it"),
         })?;
         if !self.read.contains(&path) {
             self.read.push(path);

@@ -4,7 +4,7 @@ use super::camera::is_view_name;
 use super::formats::is_model;
 use super::overrides::{MaterialOverride, change_matching};
 use super::read::refusal;
-use super::text::{LARGEST, decode, read_text_bytes};
+use super::text::{Format, LARGEST, decode, read_text_bytes, unread};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -228,11 +228,9 @@ impl Document {
     }
 
     fn read(path: &Path) -> Result<Document> {
-        let bytes = read_text_bytes(path).map_err(|error| {
-            Error::io(path, "read the description", &error)
-                .remedy("check the path and its permissions")
-        })?;
-        let text = decode(bytes, path, "TOML")?;
+        let bytes =
+            read_text_bytes(path).map_err(|error| unread(path, "the description", &error))?;
+        let text = decode(bytes, path, Format::Toml)?;
         let file: File = toml::from_str(&text).map_err(|e| toml_error(path, &text, &e))?;
         Document::check(path, file).map_err(|e| e.in_file(path))
     }

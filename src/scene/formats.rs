@@ -1,7 +1,7 @@
 //! The formats of models by the endings of their files' names.
 
-use super::text::read_bytes;
-use crate::error::{Error, Result};
+use super::text::{read_bytes, unread};
+use crate::error::Result;
 use std::path::Path;
 
 /// The formats, by the endings of their files' names.
@@ -23,9 +23,7 @@ pub(super) fn endings() -> String {
 
 /// The bytes of the model at `path`.
 pub(super) fn model_bytes(path: &Path) -> Result<Vec<u8>> {
-    read_bytes(path).map_err(|error| {
-        Error::io(path, "read the model", &error).remedy("check the path and its permissions")
-    })
+    read_bytes(path).map_err(|error| unread(path, "the model", &error))
 }
 
 /// The ending of a file's name, in lower case.

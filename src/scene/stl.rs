@@ -10,7 +10,7 @@ use super::formats::model_bytes;
 use super::material::{Material, MaterialId};
 use super::mesh::{Origin, Part};
 use super::model::{Model, checked_position};
-use super::text::{decode, number, numbered_lines, quote};
+use super::text::{Format, decode, number, numbered_lines, quote};
 use crate::error::{Error, Result};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
@@ -35,7 +35,7 @@ fn parse(path: &Path, bytes: Vec<u8>) -> Result<Model> {
     if is_binary(&bytes) {
         binary(&bytes, &mut builder)?;
     } else {
-        text(&decode(bytes, path, "STL")?, &mut builder)?;
+        text(&decode(bytes, path, Format::Stl)?, &mut builder)?;
     }
     builder.model()
 }

@@ -1,6 +1,7 @@
 //! Model files as text: whatever the bytes are, out come numbered lines, words and finite numbers.
 
 use std::borrow::Cow;
+use std::fmt;
 use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -16,7 +17,8 @@ pub(crate) const LARGEST: f32 = 1e12;
 const HEAD: usize = 4096;
 
 /// The bytes of a regular file. Directories are refused, and pipes, devices and what the kernel answers itself
-/// too, since reading one of those may never end; and so is what does not fit into memory.
+/// too, since reading one of those may never end; and so is what does not fit into memory, with
+/// [`io::ErrorKind::OutOfMemory`].
 pub(crate) fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     read_bytes_if(path, |_| true)
 }
@@ -42,11 +44,22 @@ pub(crate) fn read_bytes_if(
     file.by_ref().take(HEAD as u64).read_to_end(&mut bytes)?;
     if is_plausible(&bytes) {
         memory::check("it", kind.len(), memory::available(), "")
-            .map_err(|error| io::Error::other(error.cause().to_string()))?;
+            .map_err(|error| io::Error::new(io::ErrorKind::OutOfMemory, error.cause()))?;
         // Less may come than was there: a file may shrink meanwhile.
         file.read_to_end(&mut bytes)?;
     }
     Ok(bytes)
+}
+
+/// That `what` cannot be read, and what to do about it.
+pub(crate) fn unread(path: &Path, what: &str, error: &io::Error) -> Error {
+    let unread = Error::io(path, &format!("read {what}"), error);
+    match error.kind() {
+        io::ErrorKind::OutOfMemory => {
+            unread.of_a_file().remedy("use a smaller file, or a machine with more memory")
+        }
+        _ => unread.remedy("check the path and its permissions"),
+    }
 }
 
 /// Whether it is a file whose bytes lie on a disk or in memory.
@@ -56,18 +69,38 @@ pub(in crate::scene) fn is_ordinary(path: &Path) -> bool {
         && !fs::canonicalize(path).is_ok_and(by_kernel)
 }
 
-/// The text in `bytes`; `format` is the name for the error message, "OBJ" or "MTL".
+/// What a text should be.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::scene) enum Format {
+    Obj,
+    Mtl,
+    Stl,
+    Toml,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Format::Obj => "a Wavefront OBJ file",
+            Format::Mtl => "a Wavefront MTL file",
+            Format::Stl => "an STL file as text",
+            Format::Toml => "a scene description in TOML",
+        })
+    }
+}
+
+/// The text in `bytes`.
 ///
 /// UTF-16 is read if it begins with a byte order mark. Bytes that are not UTF-8 are Windows-1252, in which
 /// old exporters wrote. Fails where the beginning is binary.
-pub(in crate::scene) fn decode(bytes: Vec<u8>, path: &Path, format: &str) -> Result<String> {
+pub(in crate::scene) fn decode(bytes: Vec<u8>, path: &Path, format: Format) -> Result<String> {
     if let Some(text) = utf_16(&bytes) {
         return Ok(text);
     }
     if is_binary(&bytes[..bytes.len().min(HEAD)]) {
-        return Err(Error::new(format!("this does not look like an {format} file"))
+        return Err(Error::new(format!("this does not look like {format}"))
             .in_file(path)
-            .remedy(format!("give the path of a Wavefront {format} file, which is UTF-8 text")));
+            .remedy(format!("give the path of {format}, in UTF-8")));
     }
     Ok(String::from_utf8(bytes).unwrap_or_else(|error| windows_1252(error.as_bytes())))
 }
@@ -244,14 +277,15 @@ mod tests {
     #[test]
     fn binary_is_refused_and_a_latin_1_comment_is_not() {
         let path = Path::new("a.obj");
-        assert!(decode(b"v 1\0".to_vec(), path, "OBJ").is_err());
-        assert!(decode(vec![0x80; 100], path, "OBJ").is_err());
-        let text = decode(b"# caf\xe9 \x80\x9f\x81\nv 1 2 3\n".to_vec(), path, "OBJ").unwrap();
+        assert!(decode(b"v 1\0".to_vec(), path, Format::Obj).is_err());
+        assert!(decode(vec![0x80; 100], path, Format::Obj).is_err());
+        let text =
+            decode(b"# caf\xe9 \x80\x9f\x81\nv 1 2 3\n".to_vec(), path, Format::Obj).unwrap();
         assert_eq!(text, "# café €Ÿ\u{81}\nv 1 2 3\n");
-        let text = decode(b"W\xc3\xa4nde".to_vec(), path, "OBJ").unwrap();
+        let text = decode(b"W\xc3\xa4nde".to_vec(), path, Format::Obj).unwrap();
         assert_eq!(text, "Wände");
         for utf_16 in [&b"\xff\xfev\0 \x001\0"[..], b"\xfe\xff\0v\0 \x001"] {
-            assert_eq!(decode(utf_16.to_vec(), path, "OBJ").unwrap(), "v 1");
+            assert_eq!(decode(utf_16.to_vec(), path, Format::Obj).unwrap(), "v 1");
         }
     }
 
@@ -263,6 +297,36 @@ mod tests {
         std::os::unix::fs::symlink("/proc/self/status", &link).unwrap();
         for path in [&link, Path::new("/proc/self/status"), Path::new("/dev/null")] {
             assert!(read_bytes(path).unwrap_err().to_string().contains("not a regular file"));
+        }
+    }
+
+    #[test]
+    fn what_is_no_text_is_refused_by_the_name_of_what_it_should_be() {
+        for (format, name) in [
+            (Format::Obj, "a Wavefront OBJ file"),
+            (Format::Mtl, "a Wavefront MTL file"),
+            (Format::Stl, "an STL file as text"),
+            (Format::Toml, "a scene description in TOML"),
+        ] {
+            let said = decode(vec![0], Path::new("a"), format).unwrap_err().to_string();
+            let expected =
+                format!("a: this does not look like {name}\n  help: give the path of {name}, ");
+            assert!(said.starts_with(&expected), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_shrinks_after_its_beginning_was_read_ends_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        for left in [0, 100, 2 * HEAD as u64] {
+            fs::write(&path, vec![b'x'; 3 * HEAD]).unwrap();
+            let cut = |_: &[u8]| {
+                fs::File::options().write(true).open(&path).unwrap().set_len(left).unwrap();
+                true
+            };
+            let read = read_bytes_if(&path, cut).unwrap();
+            assert_eq!(read.len(), HEAD.max(left as usize));
         }
     }
 

@@ -208,14 +208,20 @@ fn an_interrupted_picture_shows_what_there_is() {
     let folder = folder();
     let scene = format!("{}/scenes/cornell-box.toml", env!("CARGO_MANIFEST_DIR"));
     // An hour's work, if nobody interrupts it.
-    let picture = ["--levels", "0", "--size", "320x240", "--time", "3600s", "-o", "a.png"];
-    let arguments = [&["render", &scene][..], &picture].concat();
+    let picture = ["--levels", "0", "--size", "320x240", "--time", "3600s", "--preview", "0.1s"];
+    let arguments = [&["render", &scene, "-o", "a.png"][..], &picture].concat();
     let program = assert_cmd::cargo::cargo_bin("isolux");
     let mut command = std::process::Command::new(program);
     let pipe = std::process::Stdio::piped;
     let command = command.current_dir(folder.path()).args(arguments).stdout(pipe()).stderr(pipe());
     let child = command.spawn().expect("it runs");
-    std::thread::sleep(std::time::Duration::from_secs(8));
+    // A preview shows that each pixel has samples.
+    let [shown, kept] = ["a.png", "a.png.partial"].map(|name| folder.path().join(name));
+    let began = std::time::Instant::now();
+    while !shown.exists() {
+        assert!(began.elapsed().as_secs() < 120, "no preview");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
     // A script that goes on beside the tests lets them ignore Ctrl-C, and the program then does so too.
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -228,8 +234,11 @@ fn an_interrupted_picture_shows_what_there_is() {
     let said = String::from_utf8(output.stderr).expect("UTF-8");
     assert_eq!(output.status.code(), Some(code), "{said}");
     assert!(said.contains("interrupted"), "{said}");
-    assert!(folder.path().join("a.png.partial").is_file());
-    assert!(folder.path().join("a.png").is_file());
+    let written =
+        |path: &Path| fs::metadata(path).and_then(|file| file.modified()).expect("a file");
+    assert!(written(&shown) >= written(&kept), "the picture is written after what is kept");
+    let said = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(said.contains("a.png"), "{said}");
 }
 
 #[cfg(target_os = "linux")]
@@ -250,4 +259,64 @@ fn what_is_no_text_is_not_read_whole() {
             "{said}"
         );
     }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_file_beside_the_model_that_memory_is_short_for_is_an_error_and_no_warning() {
+    let folder = folder();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
+    let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
+    write("library.obj", &format!("mtllib big.mtl\n{triangle}"));
+    for map in ["map_Kd", "map_Ke", "map_d"] {
+        write(&format!("{map}.obj"), &format!("mtllib {map}.mtl\n{triangle}"));
+        write(&format!("{map}.mtl"), &format!("newmtl m\n{map} big.png\n"));
+    }
+    let ply = "ply\nformat ascii 1.0\ncomment TextureFile big.png\nelement vertex 3\nproperty float x\n\
+               property float y\nproperty float z\nproperty float u\nproperty float v\nelement face 1\n\
+               property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
+    write("a.ply", ply);
+    // Three corners, and no coordinates of a texture.
+    let corners = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let gltf = |buffer: &str| {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+            "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"material":0}}]}}],
+            "materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}}}}],
+            "textures":[{{"source":0}}],"images":[{{"uri":"big.png"}}],
+            "accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}}],
+            "bufferViews":[{{"buffer":0,"byteLength":36}}],"buffers":[{{"byteLength":36,"uri":"{buffer}"}}]}}"#
+        )
+    };
+    write("image.gltf", &gltf(&format!("data:application/octet-stream;base64,{corners}")));
+    write("buffer.gltf", &gltf("big.bin"));
+    write("big.mtl", &"# a comment\n".repeat(1000));
+    write("big.png", "");
+    write("big.bin", "");
+    let models = [
+        "library.obj",
+        "map_Kd.obj",
+        "map_Ke.obj",
+        "map_d.obj",
+        "a.ply",
+        "image.gltf",
+        "buffer.gltf",
+    ];
+    for model in models {
+        let files = ["big.mtl", "big.png", "big.bin"].map(|name| folder.path().join(name));
+        for file in &files {
+            let file = fs::File::options().write(true).open(file).expect("it is there");
+            // Most of it is a hole, which takes no place on the disk.
+            file.set_len(1 << 40).expect("a hole");
+        }
+        let (code, text) = said(&folder, &["info", model]);
+        assert_eq!(code, Some(2), "{model}: {text}");
+        assert!(text.contains("big.") && text.contains("needs 1.00 TiB, and "), "{model}: {text}");
+        assert!(text.contains("help: use a smaller file, or a machine with"), "{model}: {text}");
+        assert!(!text.contains("flags:") && !text.contains("warning"), "{model}: {text}");
+    }
+    // What is not there is as it was.
+    fs::remove_file(folder.path().join("big.mtl")).expect("it is there");
+    let (code, text) = said(&folder, &["info", "library.obj"]);
+    assert!(code == Some(0) && text.contains("warning"), "{text}");
 }

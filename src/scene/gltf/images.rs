@@ -3,18 +3,21 @@
 use super::accessor::Data;
 use crate::error::{Error, Result};
 use crate::scene::beside::Files;
-use crate::scene::budget::Budget;
+use crate::scene::budget::{Budget, but_memory};
 use crate::scene::texture::{Texture, Wrap, decode_texture};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::HashMap;
 
 /// Reads and decodes the images with the numbers `wanted`, in this order, and gives them by number.
+///
+/// # Errors
+/// Less memory than they take.
 pub(super) fn decode(
     data: &Data,
     files: &mut Files,
     wanted: &[usize],
-) -> HashMap<usize, Result<Texture>> {
+) -> Result<HashMap<usize, Result<Texture>>> {
     let (mut images, mut budget) = (HashMap::new(), Budget::default());
     // No more at once than there are threads, so that the budget is asked before the next ones.
     for some in wanted.chunks(rayon::current_num_threads()) {
@@ -30,10 +33,10 @@ pub(super) fn decode(
                 budget.take(size_of_val(&*texture.pixels) as u64)?;
                 Ok(texture)
             });
-            images.insert(*image, affordable);
+            images.insert(*image, but_memory(affordable)?);
         }
     }
-    images
+    Ok(images)
 }
 
 /// An image's name and its encoded bytes.

@@ -45,13 +45,13 @@ const WHITE: f32 = 0.9;
 const GLASS: f32 = 0.2;
 
 /// Reads the materials; only those that are `used` need their textures.
-pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -> Materials {
-    let images = images::decode(data, files, &wanted_images(data.root, used));
+/// Fails where there is less memory than these take.
+pub(super) fn read(at: &Path, data: &Data, files: &mut Files, used: &[bool]) -> Result<Materials> {
     let mut reader = Reader {
-        path,
+        path: at,
         data,
         out: Materials::default(),
-        images,
+        images: images::decode(data, files, &wanted_images(data.root, used))?,
         known: HashMap::new(),
         colored: colored(data.root),
         unusable: Default::default(),
@@ -60,11 +60,10 @@ pub(super) fn read(path: &Path, data: &Data, files: &mut Files, used: &[bool]) -
         white: 0,
     };
     for (number, material) in data.root.materials.iter().enumerate() {
-        reader.material(number, material, used[number]);
+        reader.material(number, material, used[number])?;
     }
-    reader.warn_of_unusable();
     reader.warn();
-    reader.out
+    Ok(reader.out)
 }
 
 /// The images that the used materials show, each once, in the order of their first use.
@@ -160,7 +159,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn material(&mut self, number: usize, json: &json::Material, used: bool) {
+    fn material(&mut self, number: usize, json: &json::Material, used: bool) -> Result<()> {
         let factor = match glossy(json) {
             Some(glossy) => glossy.diffuse_factor,
             None => json.pbr_metallic_roughness.base_color_factor,
@@ -175,7 +174,7 @@ impl Reader<'_> {
         let reflectance = if is_white { Rgb::splat(WHITE) } else { Rgb::new(r, g, b) };
         let reflectance = reflectance.clamp(Rgb::ZERO, Rgb::ONE);
         let (reflectance, reflectance_map) = match glossy(json).filter(|_| used) {
-            Some(glossy) => self.with_shine(&glossy, reflectance, reflectance_map),
+            Some(glossy) => self.with_shine(&glossy, reflectance, reflectance_map)?,
             None => (reflectance, reflectance_map),
         };
         let strength =
@@ -200,6 +199,7 @@ impl Reader<'_> {
             opacity_map: reflectance_map.filter(|_| is_cut_out(json)),
             opacity_cutoff: cutoff,
         });
+        Ok(())
     }
 
     /// The diffuse colour of a material with its specular one.
@@ -208,7 +208,7 @@ impl Reader<'_> {
         glossy: &SpecularGlossiness,
         diffuse: Rgb,
         map: Option<Map>,
-    ) -> (Rgb, Option<Map>) {
+    ) -> Result<(Rgb, Option<Map>)> {
         let info = glossy.specular_glossiness_texture.as_ref();
         let picture = info.and_then(|info| self.picture(info));
         let given = glossy.specular_factor.map(|s| Rgb::from(s.map(|x| x.clamp(0.0, 1.0) as f32)));
@@ -220,7 +220,7 @@ impl Reader<'_> {
         };
         let shine = Shine { factor, picture: picture.as_ref() };
         let Some(map) = map.filter(|_| shine.is_metallic()) else {
-            return (if map.is_none() { shine.added_to(diffuse) } else { diffuse }, map);
+            return Ok((if map.is_none() { shine.added_to(diffuse) } else { diffuse }, map));
         };
         // A picture that lies otherwise on the surface is not seen texel by texel.
         let is_alike = |info: &TextureInfo| {
@@ -233,13 +233,11 @@ impl Reader<'_> {
             false => Shine { factor: shine.mean(), picture: None },
         };
         let below = &self.out.textures[map.texture.0 as usize];
-        if self.budget.take(size_of_val(&*below.pixels) as u64).is_err() {
-            return (diffuse, Some(map));
-        }
+        self.budget.take(size_of_val(&*below.pixels) as u64)?;
         let joined = shine.painted_over(below, diffuse);
         let texture = TextureId(self.out.textures.len() as u32);
         self.out.textures.push(joined);
-        (Rgb::ONE, Some(Map { texture, ..map }))
+        Ok((Rgb::ONE, Some(Map { texture, ..map })))
     }
 
     /// The share of light that goes straight through what is solid of a material, by the mean of its texture.
@@ -329,8 +327,9 @@ impl Reader<'_> {
         }
     }
 
-    /// One warning for all that a diffuse material leaves aside.
+    /// Also one warning for all that a diffuse material leaves aside.
     fn warn(&mut self) {
+        self.warn_of_unusable();
         let materials = &self.data.root.materials;
         let metallic = |m: &&json::Material| {
             let pbr = &m.pbr_metallic_roughness;

@@ -45,7 +45,7 @@ fn read(path: &Path, bytes: &[u8]) -> Result<Model> {
     let data = Data::new(&root, binary, &mut files)?;
     let placed = nodes::place(&root)?;
     let used = used_materials(&root, &placed);
-    let mut materials = materials::read(path, &data, &mut files, &used);
+    let mut materials = materials::read(path, &data, &mut files, &used)?;
     let default = root.materials.len();
     let mut geometry = add_all(&data, &placed, &materials.texture_sets)?;
     if geometry.triangles.is_empty() {

@@ -20,7 +20,7 @@ use super::model::Model;
 use super::triangulate::{Crossings, Triangulator};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::scene::text::{decode, read_text_bytes};
+use crate::scene::text::{Format, decode, read_text_bytes, unread};
 use glam::DVec3;
 use mtl_files::read_library;
 use mtl_materials::{Materials, Role, materials};
@@ -32,7 +32,7 @@ use std::path::Path;
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
 ///
-/// Fails if the OBJ file is malformed (with the lines), cannot be read or has no faces. What has a sensible
+/// Fails if the OBJ file is malformed (with the lines), cannot be read or has no faces, or where memory is short. What has a sensible
 /// default, such as a missing MTL file or a Kd above 1, is a warning of the model instead.
 ///
 /// A scene description overrides the reflectance of the materials whose name `overrides`: nothing is said
@@ -42,7 +42,7 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     let (mut obj, up) = (read_obj(path, &text)?, exporter::up(&text));
     // Large models come near to filling the memory.
     drop(text);
-    let mut library = read_library(path, &mut obj);
+    let mut library = read_library(path, &mut obj)?;
     let mut warnings = std::mem::take(&mut obj.warnings);
 
     let of_runs = materials_of_runs(&obj, &library);
@@ -51,7 +51,7 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     of_runs.iter().for_each(|id| used[id.0 as usize] = true);
     let role = |i: usize| Role { used: used[i], replaced: overrides(&library.entries[i].name) };
     let Materials { list: mut materials, textures, files } =
-        materials(&library, role, &mut warnings);
+        materials(&library, role, &mut warnings)?;
     library.files.extend(files);
     if used[default] {
         materials.push(Material::fallback());
@@ -71,10 +71,8 @@ fn text_of(path: &Path) -> Result<String> {
     if path.as_os_str().is_empty() {
         return Err(Error::new("the path of the model is empty").remedy("name an OBJ file"));
     }
-    let bytes = read_text_bytes(path).map_err(|error| {
-        Error::io(path, "read the model", &error).remedy("check the path and its permissions")
-    })?;
-    decode(bytes, path, "OBJ")
+    let bytes = read_text_bytes(path).map_err(|error| unread(path, "the model", &error))?;
+    decode(bytes, path, Format::Obj)
 }
 
 /// Each run's material, an index into the entries of `library`; the number of entries stands for
@@ -408,9 +406,9 @@ mod tests {
         assert!(message(folder.path()).contains("it is a directory"));
         assert!(message(&folder.path().join("none.obj")).contains("No such file"));
         assert!(load_obj("").unwrap_err().starts_with("a.obj: the file contains no faces"));
-        assert!(load_obj("glTF\0\0").unwrap_err().contains("does not look like an OBJ file"));
+        assert!(load_obj("glTF\0\0").unwrap_err().contains("not look like a Wavefront OBJ file"));
         let (_, warnings) = with_mtl(TRIANGLE, "\0").unwrap();
-        assert!(warnings[1].contains("does not look like an MTL file"), "{warnings:?}");
+        assert!(warnings[1].contains("does not look like a Wavefront MTL file"), "{warnings:?}");
     }
 
     /// Marsaglia's xorshift64: enough disorder for a test, the same in every run.

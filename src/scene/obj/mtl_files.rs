@@ -1,19 +1,23 @@
 //! Finds and reads the MTL files that an OBJ file asks for.
 
 use std::collections::HashSet;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use super::ignored::default_stated;
 use super::mtl_reader::Library;
 use super::reader::ObjFile;
-use crate::error::Warning;
-use crate::scene::text::{decode, quote, read_text_bytes, words};
+use crate::error::{Result, Warning};
+use crate::scene::text::{Format, decode, quote, read_text_bytes, unread, words};
 
 /// Reads the materials of the OBJ file at `path`; warnings are added to those of `obj`.
 ///
 /// A file that cannot be read, or that is no text, is a warning. A material that faces use and no file
 /// defines is added without values, and is a warning.
-pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
+///
+/// # Errors
+/// A file that does not fit into memory.
+pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Result<Library> {
     let mut library = Library::default();
     let folder = path.parent().unwrap_or(Path::new(""));
     let (mut seen, mut unreadable) = (HashSet::new(), Vec::new());
@@ -27,10 +31,13 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
                 library.files.push(file.clone());
             }
             match read_text_bytes(&file) {
-                Ok(bytes) => match decode(bytes, &file, "MTL") {
+                Ok(bytes) => match decode(bytes, &file, Format::Mtl) {
                     Ok(text) => library.add(&file, &text, &mut obj.warnings),
                     Err(error) => unreadable.push((asked.line, file, error.cause().to_owned())),
                 },
+                Err(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+                    return Err(unread(&file, "the material file", &error));
+                }
                 Err(error) => unreadable.push((asked.line, file, error.to_string())),
             }
         }
@@ -54,7 +61,7 @@ pub(super) fn read_library(path: &Path, obj: &mut ObjFile) -> Library {
     if !names.is_empty() {
         obj.warnings.push(Warning::in_file(path, line, undefined(&names)));
     }
-    library
+    Ok(library)
 }
 
 /// The files that `names` means. OBJ separates file names by blanks, yet many exporters write one

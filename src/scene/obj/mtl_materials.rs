@@ -8,7 +8,7 @@ use super::mtl_reader::{Color, Entry, Library};
 use super::notes::{Kind, Notes};
 use super::pictures::Pictures;
 use crate::color::Rgb;
-use crate::error::Warning;
+use crate::error::{Result, Warning};
 use crate::scene::material::Material;
 use crate::scene::text::LARGEST;
 use crate::scene::texture::{Map, Texture};
@@ -31,11 +31,14 @@ pub(super) struct Materials {
 }
 
 /// The materials of `library`, one for each entry. `role_of` is asked with the index of an entry.
+///
+/// # Errors
+/// Less memory than their pictures take.
 pub(super) fn materials(
     library: &Library,
     role_of: impl Fn(usize) -> Role,
     warnings: &mut Vec<Warning>,
-) -> Materials {
+) -> Result<Materials> {
     let (mut notes, mut pictures) = (Notes::default(), Pictures::default());
     let entries = library.entries.iter().enumerate();
     pictures.decode_ahead(entries.flat_map(|(index, entry)| shown(entry, role_of(index))));
@@ -45,11 +48,11 @@ pub(super) fn materials(
             let notes = if role.used { &mut notes } else { &mut unheard };
             Judge { entry, file, role, notes, pictures: &mut pictures }.material()
         }
-        None => Material { name: entry.name.clone(), ..Material::fallback() },
+        None => Ok(Material { name: entry.name.clone(), ..Material::fallback() }),
     };
-    let list = library.entries.iter().enumerate().map(&mut material).collect();
+    let list = library.entries.iter().enumerate().map(&mut material).collect::<Result<_>>()?;
     warnings.extend(notes.warnings());
-    Materials { list, textures: pictures.textures, files: pictures.files }
+    Ok(Materials { list, textures: pictures.textures, files: pictures.files })
 }
 
 /// The maps of a material that its [`Judge`] looks at, with the file that names them.
@@ -70,11 +73,11 @@ struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    fn material(mut self) -> Material {
-        let (radiance, radiance_map) = self.radiance();
-        let (reflectance, reflectance_map) = self.reflectance(radiance != Rgb::ZERO);
-        let (opacity, opacity_map) = self.opacity();
-        Material {
+    fn material(mut self) -> Result<Material> {
+        let (radiance, radiance_map) = self.radiance()?;
+        let (reflectance, reflectance_map) = self.reflectance(radiance != Rgb::ZERO)?;
+        let (opacity, opacity_map) = self.opacity()?;
+        Ok(Material {
             name: self.entry.name.clone(),
             reflectance,
             radiance,
@@ -83,19 +86,19 @@ impl Judge<'_> {
             opacity,
             opacity_map,
             ..Material::fallback()
-        }
+        })
     }
 
     /// Ke, or else no light; a texture with Ke 0 or none means the texture alone.
-    fn radiance(&mut self) -> (Rgb, Option<Map>) {
+    fn radiance(&mut self) -> Result<(Rgb, Option<Map>)> {
         let given = self.entry.ke.as_ref().map_or(Rgb::ZERO, |ke| self.checked_radiance(ke));
-        let map = self.picture(self.entry.map_ke.as_ref());
-        match map.filter(|map| !self.pictures.is_black(map)) {
+        let map = self.picture(self.entry.map_ke.as_ref())?;
+        Ok(match map.filter(|map| !self.pictures.is_black(map)) {
             Some(map) if given == Rgb::ZERO => (Rgb::ONE, Some(map)),
             // A black picture takes all light away.
             None if map.is_some() => (Rgb::ZERO, None),
             map => (given, map),
-        }
+        })
     }
 
     fn checked_radiance(&mut self, ke: &Color) -> Rgb {
@@ -109,17 +112,17 @@ impl Judge<'_> {
 
     /// Kd, or else black for a lamp and mid grey for anything else; a texture with Kd 0 or none means the texture
     /// alone.
-    fn reflectance(&mut self, emits: bool) -> (Rgb, Option<Map>) {
+    fn reflectance(&mut self, emits: bool) -> Result<(Rgb, Option<Map>)> {
         let default = if emits { Rgb::ZERO } else { Material::fallback().reflectance };
         if self.role.replaced {
-            return (default, None);
+            return Ok((default, None));
         }
         let given = self.entry.kd.as_ref().map(|kd| self.checked_reflectance(kd));
         let given = given.flatten().map(|kd| self.or_metal(kd, emits));
         let named = self.entry.map_kd.is_some();
-        let map = self.picture(self.entry.map_kd.as_ref());
+        let map = self.picture(self.entry.map_kd.as_ref())?;
         let is_black = given.is_none_or(|kd| kd == Rgb::ZERO);
-        match (map, given) {
+        Ok(match (map, given) {
             (Some(map), _) if is_black => (Rgb::ONE, Some(map)),
             (Some(map), Some(kd)) => (kd, Some(map)),
             (None, _) if named && is_black => (Material::fallback().reflectance, None),
@@ -130,7 +133,7 @@ impl Judge<'_> {
                 }
                 (default, None)
             }
-        }
+        })
     }
 
     /// `None` if it is malformed.
@@ -165,7 +168,7 @@ impl Judge<'_> {
 
     /// `d`, or else 1 − `Tr`, or else 1. Some exporters write `Tr 1` (MeshLab) or `d 0` (Blender 2.7) for what is
     /// opaque, and nobody means a material that cannot be seen.
-    fn opacity(&mut self) -> (f32, Option<Map>) {
+    fn opacity(&mut self) -> Result<(f32, Option<Map>)> {
         let given = self.entry.d.or(self.entry.tr.map(|tr| 1.0 - tr)).unwrap_or(1.0);
         let opacity = if given <= 0.0 { 1.0 } else { given.min(1.0) };
         if given <= 0.0 {
@@ -174,13 +177,15 @@ impl Judge<'_> {
             self.notes.add(Kind::Clear, self.file, self.entry.line, &self.entry.name);
         }
         let map = self.entry.map_d.as_ref().filter(|_| self.role.used);
-        (opacity, map.and_then(|map| self.pictures.opacity(self.file, map, self.notes)))
+        let map = map.map(|map| self.pictures.opacity(self.file, map, self.notes));
+        Ok((opacity, map.transpose()?.flatten()))
     }
 
     /// The picture of a colour map, unless no face would show it.
-    fn picture(&mut self, map: Option<&MapLine>) -> Option<Map> {
-        let map = map.filter(|_| self.role.used)?;
-        self.pictures.color(self.file, map, self.notes)
+    fn picture(&mut self, map: Option<&MapLine>) -> Result<Option<Map>> {
+        let map = map.filter(|_| self.role.used);
+        let map = map.map(|map| self.pictures.color(self.file, map, self.notes));
+        Ok(map.transpose()?.flatten())
     }
 
     fn note(&mut self, kind: Kind, color: &Color) {
@@ -208,7 +213,7 @@ mod tests {
     fn judge_in(folder: &Path, text: &str, role: Role) -> (Material, Vec<String>) {
         let (mut library, mut warnings) = (Library::default(), Vec::new());
         library.add(&folder.join("a.mtl"), &format!("newmtl m\n{text}"), &mut warnings);
-        let mut materials = materials(&library, |_| role, &mut warnings);
+        let mut materials = materials(&library, |_| role, &mut warnings).unwrap();
         let text = |warning: &Warning| warning.to_string();
         (materials.list.remove(0), warnings.iter().map(text).collect())
     }

@@ -2,12 +2,15 @@
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
+use std::io;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use super::mtl_map::MapLine;
 use super::notes::{Kind, Notes};
-use crate::scene::text::read_bytes;
+use crate::error::{Error, Result};
+use crate::scene::budget::but_memory;
+use crate::scene::text::{read_bytes, unread};
 use crate::scene::texture::{Map, Texture, TextureId, Wrap, decode_texture};
 use rayon::prelude::*;
 
@@ -20,7 +23,7 @@ pub(super) struct Pictures {
     /// Of each file and use; `None` where it cannot be read.
     known: HashMap<(PathBuf, Use), Option<TextureId>>,
     /// Files that were decoded ahead, or why they cannot be.
-    ahead: HashMap<PathBuf, Result<Texture, String>>,
+    ahead: HashMap<PathBuf, Result<Texture>>,
 }
 
 /// What distinguishes two textures from one file.
@@ -44,40 +47,60 @@ impl Pictures {
     }
 
     /// The picture of a `map_Kd` or `map_Ke` in the MTL `file`; `None`, and noted, if it cannot be read.
-    pub(super) fn color(&mut self, file: &Path, map: &MapLine, notes: &mut Notes) -> Option<Map> {
+    ///
+    /// # Errors
+    /// Less memory than it takes.
+    pub(super) fn color(
+        &mut self,
+        file: &Path,
+        map: &MapLine,
+        notes: &mut Notes,
+    ) -> Result<Option<Map>> {
         self.map(file, map, false, notes)
     }
 
-    /// The picture of a `map_d`: its opacity, or else its luminance, is in the pixels' opacity.
-    pub(super) fn opacity(&mut self, file: &Path, map: &MapLine, notes: &mut Notes) -> Option<Map> {
+    /// As [`Pictures::color`], of a `map_d`: its opacity, or else its luminance, is in the pixels' opacity.
+    pub(super) fn opacity(
+        &mut self,
+        file: &Path,
+        map: &MapLine,
+        notes: &mut Notes,
+    ) -> Result<Option<Map>> {
         self.map(file, map, true, notes)
     }
 
-    fn map(&mut self, file: &Path, map: &MapLine, opacity: bool, notes: &mut Notes) -> Option<Map> {
+    fn map(
+        &mut self,
+        file: &Path,
+        map: &MapLine,
+        opacity: bool,
+        notes: &mut Notes,
+    ) -> Result<Option<Map>> {
         let folder = folder_of(file);
         let Some(path) = locate(folder, &map.name) else {
             notes.add(Kind::MissingPicture, file, map.line, &map.name);
-            return None;
+            return Ok(None);
         };
         if !is_below(folder, &path) {
             notes.add(Kind::OutsidePicture, file, map.line, &path.to_string_lossy());
         }
         let used = Use { clamped: map.clamped, opacity };
         if let Some(known) = self.known.get(&(path.clone(), used)) {
-            return known.map(|texture| Map { texture, transform: map.transform });
+            return Ok(known.map(|texture| Map { texture, transform: map.transform }));
         }
-        let texture = match self.texture(&path, used) {
+        let texture = match but_memory(self.texture(&path, used))? {
             Ok(texture) => Some(texture),
-            Err(cause) => {
-                notes.add_with(Kind::BadPicture, file, map.line, &map.name, Some(cause));
+            Err(error) => {
+                let cause = Some(error.cause().to_owned());
+                notes.add_with(Kind::BadPicture, file, map.line, &map.name, cause);
                 None
             }
         };
         self.known.insert((path, used), texture);
-        texture.map(|texture| Map { texture, transform: map.transform })
+        Ok(texture.map(|texture| Map { texture, transform: map.transform }))
     }
 
-    fn texture(&mut self, path: &Path, used: Use) -> Result<TextureId, String> {
+    fn texture(&mut self, path: &Path, used: Use) -> Result<TextureId> {
         let wrap = [if used.clamped { Wrap::Clamp } else { Wrap::Repeat }; 2];
         let name = path.to_string_lossy().into_owned();
         let same_file = self.textures.iter().find(|texture| texture.name == name);
@@ -109,11 +132,12 @@ impl Pictures {
 }
 
 /// The picture in a file, or why there is none.
-fn decode(path: &Path) -> Result<Texture, String> {
-    let bytes = read_bytes(path).map_err(|error| error.to_string())?;
-    let name = path.to_string_lossy().into_owned();
-    let texture = decode_texture(name, &bytes, [Wrap::Repeat; 2]);
-    texture.map_err(|error| error.cause().to_owned())
+fn decode(path: &Path) -> Result<Texture> {
+    let bytes = read_bytes(path).map_err(|error| match error.kind() {
+        io::ErrorKind::OutOfMemory => unread(path, "the picture", &error),
+        _ => Error::new(error.to_string()),
+    })?;
+    decode_texture(path.to_string_lossy().into_owned(), &bytes, [Wrap::Repeat; 2])
 }
 
 /// Where the names of pictures in an MTL file begin.
@@ -205,22 +229,29 @@ mod tests {
         save(&folder.path().join("outside.png"), [1, 2, 3, 255]);
         let (mut pictures, mut notes) = (Pictures::default(), Notes::default());
         for name in ["maps/wood 1.png", "Maps\\Wood 1.PNG", "./Maps/Wood 1.PNG"] {
-            let found = pictures.color(&file, &map(name), &mut notes).expect(name);
+            let found = pictures.color(&file, &map(name), &mut notes).unwrap().expect(name);
             assert_eq!(found.texture, TextureId(0), "{name}");
         }
         for name in ["C:\\Users\\x\\tile.png", "/no/such/Tile.png", "tile.png"] {
-            assert_eq!(pictures.color(&file, &map(name), &mut notes).expect(name).texture.0, 1);
+            let found = pictures.color(&file, &map(name), &mut notes).unwrap().expect(name);
+            assert_eq!(found.texture.0, 1);
         }
-        let clamped = pictures.color(&file, &map("-clamp on tile.png"), &mut notes).expect("tile");
+        let clamped = pictures.color(&file, &map("-clamp on tile.png"), &mut notes).unwrap();
+        let clamped = clamped.expect("tile");
         assert_eq!((clamped.texture.0, pictures.files.len()), (2, 2));
         assert_eq!(notes.warnings().count(), 0);
 
         let mut notes = Notes::default();
-        assert!(pictures.color(&file, &map("../outside.png"), &mut notes).is_some());
         fs::write(folder.path().join("sub/bad.png"), "text").expect("a file");
-        assert!(pictures.color(&file, &map("bad.png"), &mut notes).is_none());
-        assert!(pictures.color(&file, &map("none.png"), &mut notes).is_none());
-        assert!(pictures.color(&file, &map("none too.png"), &mut notes).is_none());
+        for (name, is_read) in [
+            ("../outside.png", true),
+            ("bad.png", false),
+            ("none.png", false),
+            ("none too.png", false),
+        ] {
+            let found = pictures.color(&file, &map(name), &mut notes).unwrap();
+            assert_eq!(found.is_some(), is_read, "{name}");
+        }
         let said: Vec<String> = notes.warnings().map(|w| w.to_string()).collect();
         assert_eq!(said.len(), 3, "{said:?}");
         assert!(said[2].contains("2 in all: `none.png`, `none too.png`"), "{said:?}");
@@ -234,7 +265,7 @@ mod tests {
         save(&folder.path().join("grey.png"), [128, 128, 128, 255]);
         let (mut pictures, mut notes) = (Pictures::default(), Notes::default());
         for (name, opacity) in [("clear.png", 64), ("grey.png", 128)] {
-            let found = pictures.opacity(&file, &map(name), &mut notes).expect(name);
+            let found = pictures.opacity(&file, &map(name), &mut notes).unwrap().expect(name);
             assert_eq!(pictures.textures[found.texture.0 as usize].pixels[0][3], opacity);
         }
     }

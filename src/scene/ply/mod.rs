@@ -70,7 +70,7 @@ fn model(path: &Path, header: &Header, payload: Payload) -> Result<Model> {
         .flatten();
     let mut files = Files::new(path);
     let mut pictures = match texture {
-        Some(_) => pictures::read(path, header, &mut files),
+        Some(_) => pictures::read(path, header, &mut files)?,
         None => Pictures::default(),
     };
     if pictures.materials.is_empty() {

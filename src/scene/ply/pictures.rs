@@ -3,9 +3,9 @@
 use super::elements::Face;
 use super::header::Header;
 use crate::color::Rgb;
-use crate::error::Warning;
+use crate::error::{Result, Warning};
 use crate::scene::beside::Files;
-use crate::scene::budget::Budget;
+use crate::scene::budget::{Budget, but_memory};
 use crate::scene::material::{Material, MaterialId};
 use crate::scene::mesh::Origin;
 use crate::scene::text::quote;
@@ -21,7 +21,10 @@ pub(super) struct Pictures {
 }
 
 /// Reads the pictures; one that cannot be read is a warning.
-pub(super) fn read(path: &Path, header: &Header, files: &mut Files) -> Pictures {
+///
+/// # Errors
+/// Less memory than they take.
+pub(super) fn read(path: &Path, header: &Header, files: &mut Files) -> Result<Pictures> {
     let (mut pictures, mut budget) = (Pictures::default(), Budget::default());
     for name in header.pictures() {
         let texture = files.file(name).and_then(|bytes| {
@@ -30,7 +33,7 @@ pub(super) fn read(path: &Path, header: &Header, files: &mut Files) -> Pictures 
             Ok(texture)
         });
         let mut material = Material { name: name.to_owned(), ..Material::fallback() };
-        match texture {
+        match but_memory(texture)? {
             Ok(texture) => {
                 let texture_id = TextureId(pictures.textures.len() as u32);
                 material.reflectance = Rgb::ONE;
@@ -47,7 +50,7 @@ pub(super) fn read(path: &Path, header: &Header, files: &mut Files) -> Pictures 
         }
         pictures.materials.push(material);
     }
-    pictures
+    Ok(pictures)
 }
 
 /// The materials of triangles by the pictures of their faces; strips have the first.

@@ -2,7 +2,8 @@
 
 use super::{MAX_BYTES, MAX_SIDE, Texture, Wrap};
 use crate::error::{Error, Result};
-use crate::memory;
+use crate::scene::budget;
+use crate::scene::text::quote;
 use image::{DynamicImage, ImageError, ImageFormat, ImageReader, Limits};
 use std::io::Cursor;
 use std::path::Path;
@@ -15,13 +16,14 @@ const FORMATS: &str = "PNG, JPEG, TGA, BMP, WebP";
 ///
 /// # Errors
 /// Another format, a picture that is damaged or was cut short, one with more than 16,384 pixels along a side, or
-/// one that takes more than 2²⁸ bytes.
+/// one that takes more than 2²⁸ bytes. An error of kind [`Memory`](crate::error::ErrorKind::Memory) where these are
+/// not there.
 pub(crate) fn decode_texture(name: String, bytes: &[u8], wrap: [Wrap; 2]) -> Result<Texture> {
     let format = format_of(&name, bytes).ok_or_else(|| {
         Error::new("this is no picture in a format that is read")
             .remedy(format!("the formats are: {FORMATS}"))
     })?;
-    let picture = decoded(bytes, format)?.into_rgba8();
+    let picture = decoded(&name, bytes, format)?.into_rgba8();
     let (width, height) = picture.dimensions();
     let pixels = picture.as_raw().as_chunks::<4>().0;
     if pixels.is_empty() {
@@ -37,7 +39,7 @@ fn format_of(name: &str, bytes: &[u8]) -> Option<ImageFormat> {
     guessed.filter(|format| [Png, Jpeg, Tga, Bmp, WebP].contains(format))
 }
 
-fn decoded(bytes: &[u8], format: ImageFormat) -> Result<DynamicImage> {
+fn decoded(name: &str, bytes: &[u8], format: ImageFormat) -> Result<DynamicImage> {
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_SIDE);
     limits.max_image_height = Some(MAX_SIDE);
@@ -55,7 +57,7 @@ fn decoded(bytes: &[u8], format: ImageFormat) -> Result<DynamicImage> {
     }
     // Twice: as it is stored, with two bytes per number at most, and as it is used.
     let needed = (8 + 4) * u64::from(width) * u64::from(height);
-    memory::check("the picture", needed, memory::available(), "scale it down")?;
+    budget::check(&format!("the picture {}", quote(name)), needed, "scale it down")?;
     if format == ImageFormat::Jpeg && is_cut_short(bytes) {
         return Err(Error::new("the picture was cut short").remedy("copy it again"));
     }
