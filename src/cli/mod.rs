@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+mod allocator;
 mod arguments;
 mod bench;
 mod gathering;
@@ -13,6 +14,8 @@ mod report;
 mod signals;
 mod solve;
 mod verify;
+
+pub use allocator::Allocator;
 
 use crate::error::{Error, ErrorKind, Result, in_one_line, printable};
 use clap::{Parser, Subcommand};

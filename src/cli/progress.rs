@@ -1,6 +1,6 @@
 //! Progress with the time left on a terminal, silence elsewhere.
 
-use super::signals;
+use super::signals::{self, Patience};
 use crate::progress::{Progress, Stage};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::sync::RwLock;
@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 pub(super) struct Bars {
     bar: RwLock<Option<ProgressBar>>,
     on_signal: OnSignal,
+    _patience: Option<Patience>,
     /// Of a picture: the error that it should have, and when it should be done.
     goal: Option<f32>,
     deadline: Option<Instant>,
@@ -46,12 +47,10 @@ impl Bars {
         Bars { goal, deadline, ..Bars::default() }
     }
 
-    /// From now on the first Ctrl-C or SIGTERM does this. A second one ends the program.
+    /// As long as the bars are there the first Ctrl-C or SIGTERM does this. A second one ends the program.
     pub(super) fn on_signal(self, on_signal: OnSignal) -> Bars {
-        if on_signal != OnSignal::Die {
-            signals::be_patient();
-        }
-        Bars { on_signal, ..self }
+        let patience = (on_signal != OnSignal::Die).then(Patience::begin);
+        Bars { on_signal, _patience: patience, ..self }
     }
 
     pub(super) fn was_interrupted(&self) -> bool {

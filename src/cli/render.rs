@@ -142,6 +142,8 @@ impl Run<'_> {
         let (images, interrupted) =
             draw(arguments, tracer, camera, frame, pictures, (solution, inputs), &bars)
                 .map_err(|error| error.in_file_if_none(&arguments.scene))?;
+        // From here on a signal ends the program.
+        drop(bars);
         let views = pictures.chunk_by(|a, b| a.view == b.view).count();
         let exposures = exposures(arguments, solution, &images, views);
         let mut outputs = encode(pictures, &images, &exposures)?;

@@ -4,47 +4,72 @@
 //! default. While something is computed that can end with what it has, the first signal asks for that, and the
 //! next one ends the program.
 
+#[cfg(unix)]
+use super::allocator;
 use std::sync::atomic::{AtomicBool, AtomicI32, Ordering::SeqCst};
 
-/// Whether what is computed can end with what it has.
-static IS_PATIENT: AtomicBool = AtomicBool::new(false);
+/// What the next signal finds: one of these, or the number of a signal that asked before.
+static STATE: AtomicI32 = AtomicI32::new(ENDS);
 
-/// The signal that asked for it; 0 before.
-static ASKED: AtomicI32 = AtomicI32::new(0);
+/// A signal ends the program.
+const ENDS: i32 = 0;
 
-/// From now on the first signal lets the computation end with what it has.
-pub(super) fn be_patient() {
-    IS_PATIENT.store(true, SeqCst);
+/// A signal asks the computation to end with what it has.
+const ASKS: i32 = -1;
+
+fn change(from: i32, to: i32) -> bool {
+    STATE.compare_exchange(from, to, SeqCst, SeqCst).is_ok()
 }
 
-/// Whether the computation is to end with what it has.
+/// As long as it lives, the first signal lets the computation end with what it has.
+pub(super) struct Patience(());
+
+impl Patience {
+    pub(super) fn begin() -> Patience {
+        change(ENDS, ASKS);
+        Patience(())
+    }
+}
+
+impl Drop for Patience {
+    fn drop(&mut self) {
+        change(ASKS, ENDS);
+    }
+}
+
+/// Whether the computation is, or was, to end with what it has.
 pub(super) fn was_asked() -> bool {
-    ASKED.load(SeqCst) != 0
+    STATE.load(SeqCst) > 0
 }
 
 /// The exit code of a program that a signal has ended: 128 and the signal's number.
 pub(super) fn exit_code() -> u8 {
-    128 + ASKED.load(SeqCst) as u8
+    128 + STATE.load(SeqCst) as u8
 }
 
 /// Whether the computation takes this signal.
 fn is_taken(signal: i32) -> bool {
-    IS_PATIENT.load(SeqCst) && ASKED.compare_exchange(0, signal, SeqCst, SeqCst).is_ok()
+    change(ASKS, signal)
 }
 
 /// Begins to wait for signals. Where they cannot be waited for they end the program, as they do by default.
 #[cfg(unix)]
 pub(super) fn watch() {
     use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
-    use signal_hook::flag;
+    use signal_hook::{flag, low_level};
     use std::sync::Arc;
 
     let always = || Arc::new(AtomicBool::new(true));
     // A file that becomes larger than `ulimit -f` allows is then an error of the write.
     let _ = flag::register(SIGXFSZ, always());
     // Where the system refuses even a little memory Rust says so and aborts: that is a failure as others are, and
-    // what lies in memory is of no use to anybody.
-    let _ = flag::register_conditional_shutdown(SIGABRT, 2, always());
+    // what lies in memory is of no use to anybody. Any other abort is a fault of the program.
+    let on_abort = || match allocator::was_refused() {
+        true => low_level::exit(2),
+        false => drop(low_level::emulate_default_handler(SIGABRT)),
+    };
+    // SAFETY: An atomic is read, and both functions may be called where a signal is handled.
+    let _ = unsafe { low_level::register(SIGABRT, on_abort) };
     let is_ending = Arc::new(AtomicBool::new(false));
     let signals = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|&signal| !is_ignored(signal));
     let signals: Vec<i32> = signals.collect();
@@ -89,9 +114,12 @@ mod tests {
     #[test]
     fn a_patient_computation_takes_one_signal() {
         assert!(!is_taken(15) && !was_asked());
-        be_patient();
+        drop(Patience::begin());
+        assert!(!is_taken(15) && !was_asked(), "what comes afterwards ends the program");
+        let patience = Patience::begin();
         assert!(is_taken(15) && !is_taken(2));
-        assert!(was_asked());
+        drop(patience);
+        assert!(was_asked() && !is_taken(15));
         assert_eq!(exit_code(), 143);
     }
 }

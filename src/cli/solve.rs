@@ -100,10 +100,18 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
         }
         Ok(())
     };
-    let (part, mut spent) = match plan.solve_part(&tracer, share, begun, keep, &bars) {
+    let solved = plan.solve_part(&tracer, share, begun, keep, &bars);
+    // From here on a signal ends the program.
+    drop(bars);
+    let (part, mut spent) = match solved {
         Err(error) if error.kind() == ErrorKind::Stopped => return Ok(interrupted(&partial)),
         solved => solved?,
     };
+    if signals::was_asked() {
+        // In the last moment: what remains to be done may still take long.
+        partial.keep(part.to_bytes(), &inputs);
+        return Ok(interrupted(&partial));
+    }
     if arguments.part.is_some() {
         let output = Output { path: arguments.output.clone(), bytes: part.to_bytes() };
         write_all(vec![output], &inputs)?;

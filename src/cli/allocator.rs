@@ -1,0 +1,63 @@
+//! The program's allocator: the system's, which notes when memory was refused.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+static WAS_REFUSED: AtomicBool = AtomicBool::new(false);
+
+/// Whether the system has refused memory so far. If the program aborts then, this is why: Rust tells by nothing else.
+pub(super) fn was_refused() -> bool {
+    WAS_REFUSED.load(Relaxed)
+}
+
+/// The system's allocator with a note of what it refuses.
+pub struct Allocator;
+
+fn noted(memory: *mut u8) -> *mut u8 {
+    if memory.is_null() {
+        WAS_REFUSED.store(true, Relaxed);
+    }
+    memory
+}
+
+// SAFETY: All is done by the system's allocator, and the answers are its own.
+unsafe impl GlobalAlloc for Allocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: The caller keeps the contract.
+        noted(unsafe { System.alloc(layout) })
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: The caller keeps the contract.
+        noted(unsafe { System.alloc_zeroed(layout) })
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: The caller keeps the contract.
+        noted(unsafe { System.realloc(memory, layout, size) })
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: The caller keeps the contract.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::hint::black_box;
+
+    #[test]
+    fn what_is_refused_is_noted() {
+        let layout = |bytes| Layout::from_size_align(bytes, 8).unwrap();
+        // SAFETY: No size is 0, and what is given is given back.
+        unsafe {
+            let memory = black_box(Allocator.alloc(layout(64)));
+            assert!(!memory.is_null() && !was_refused());
+            let larger = black_box(Allocator.realloc(memory, layout(64), 1 << 62));
+            assert!(larger.is_null() && was_refused());
+            Allocator.dealloc(memory, layout(64));
+        }
+    }
+}
