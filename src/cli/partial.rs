@@ -2,7 +2,7 @@
 
 use super::warn;
 use crate::error::{Error, Result, Warning};
-use crate::export::file::{Inputs, Output, write_all};
+use crate::export::file::{self, Inputs, Output, write_all};
 use crate::two_level::Part;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -88,6 +88,6 @@ impl Partial {
 
     /// Once the output is there, nothing is left to go on with.
     pub(super) fn remove(&self) {
-        let _ = std::fs::remove_file(&self.path);
+        file::remove(&self.path);
     }
 }

@@ -1,6 +1,7 @@
 //! Output files that appear whole or not at all.
 
-use super::staging::{NAMES, Named, Staged, folder_of, remove_leftovers, stage, target_of};
+use super::destination::{Destination, folder_of, is_stream};
+use super::staging::{NAMES, Named, Staged, remove_leftovers, stage};
 use crate::error::{Error, ErrorKind, Result};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -22,24 +23,31 @@ pub(crate) fn check_writable(path: &Path) -> Result<()> {
             .in_file(path)
             .remedy("name a file in it"));
     }
-    if is_special(path) {
-        return Ok(());
-    }
-    if path.is_symlink() && !path.exists() {
-        return Err(Error::new("this is a link to nothing")
-            .in_file(path)
-            .remedy("delete the link, or create what it points to"));
-    }
-    let folder = folder_of(path);
+    let target = match Destination::of(path)? {
+        Destination::File(target) => target,
+        other => return other.check(path),
+    };
+    let folder = folder_of(&target);
     if !folder.is_dir() {
         return Err(Error::new(format!("the folder {} does not exist", folder.display()))
             .in_file(path)
             .remedy("create it, or write elsewhere"));
     }
     refuse_read_only(path)?;
-    let target = target_of(path);
-    remove_leftovers(folder_of(&target));
-    stage(path, &[])?.named().map(drop)
+    remove_leftovers(folder);
+    stage(path, target, &[])?.named().map(drop)
+}
+
+/// Whether an output replaces a file, rather than that it is added to what is open or takes bytes as they come.
+pub(crate) fn is_replaced(path: &Path) -> bool {
+    matches!(Destination::of(path), Ok(Destination::File(_)))
+}
+
+/// Removes an output, if it is there. A link that leads to it stays.
+pub(crate) fn remove(path: &Path) {
+    if let Ok(Destination::File(target)) = Destination::of(path) {
+        let _ = std::fs::remove_file(target);
+    }
 }
 
 /// Renaming a file over another asks for no permission to write the other.
@@ -78,9 +86,13 @@ impl Inputs {
     /// With the path and the remedy.
     pub(crate) fn check_distinct(&self, outputs: &[&Path]) -> Result<()> {
         let places: Vec<Place> = outputs.iter().map(|path| Place::of(path)).collect();
-        for (i, output) in outputs.iter().enumerate().filter(|(_, path)| !is_special(path)) {
+        for (i, output) in outputs.iter().enumerate().filter(|(_, path)| !is_stream(path)) {
             if let Some(other) = (0..i).find(|&other| places[other].is(&places[i])) {
-                return Err(would_overwrite(output, outputs[other]));
+                let other = outputs[other].display();
+                let cause = format!("this output would overwrite another one, {other}");
+                return Err(Error::new(cause)
+                    .in_file(output)
+                    .remedy("give each of them a name of its own"));
             }
             self.check(output, &places[i])?;
         }
@@ -89,15 +101,15 @@ impl Inputs {
 
     /// Refuses an output that would overwrite an input.
     fn check(&self, output: &Path, place: &Place) -> Result<()> {
-        let input = self.0.iter().find(|(_, input)| input.is(place));
-        input.map_or(Ok(()), |(input, _)| Err(would_overwrite(output, input)))
+        match self.0.iter().find(|(_, input)| input.is(place)) {
+            None => Ok(()),
+            Some((input, _)) => {
+                Err(Error::new(format!("this output would overwrite {}", input.display()))
+                    .in_file(output)
+                    .remedy("give it a name of its own"))
+            }
+        }
     }
-}
-
-fn would_overwrite(output: &Path, other: &Path) -> Error {
-    Error::new(format!("this output would overwrite {}", other.display()))
-        .in_file(output)
-        .remedy("give it a name of its own")
 }
 
 /// Where a file lies.
@@ -110,7 +122,10 @@ struct Place {
 
 impl Place {
     fn of(path: &Path) -> Place {
-        let new = || Some(std::fs::canonicalize(folder_of(path)).ok()?.join(path.file_name()?));
+        let new = || match Destination::of(path) {
+            Ok(Destination::File(target)) => Some(target),
+            _ => None,
+        };
         Place { path: std::fs::canonicalize(path).ok().or_else(new), file: identity(path) }
     }
 
@@ -134,7 +149,7 @@ fn identity(_: &Path) -> Option<Identity> {
     None
 }
 
-/// Writes every output to a file without a name in its folder, then those to devices and pipes. Only when all
+/// Writes every output to a file without a name in its folder, then those to devices, pipes and descriptors. Only when all
 /// are on the disk do they get names: first temporary ones, then their own. If anything fails before the last
 /// step, no existing file has changed.
 ///
@@ -142,12 +157,15 @@ fn identity(_: &Path) -> Option<Identity> {
 /// Whatever the system says: a full disk, a missing permission. If the last step fails for one of several
 /// outputs, the error says which ones are new. An output that a link has led to one of the inputs meanwhile.
 pub(crate) fn write_all(outputs: Vec<Output>, inputs: &Inputs) -> Result<()> {
-    let (special, plain): (Vec<_>, Vec<_>) = outputs.into_iter().partition(|o| is_special(&o.path));
-    let staged = plain.iter().map(|output| stage(&output.path, &output.bytes));
-    let staged = staged.collect::<Result<Vec<_>>>()?;
-    for output in special {
-        std::fs::write(&output.path, &output.bytes)
-            .map_err(|e| Error::io(&output.path, "write the file", &e))?;
+    let (mut staged, mut others) = (Vec::new(), Vec::new());
+    for output in &outputs {
+        match Destination::of(&output.path)? {
+            Destination::File(target) => staged.push(stage(&output.path, target, &output.bytes)?),
+            other => others.push((output, other)),
+        }
+    }
+    for (Output { path, bytes }, other) in others {
+        other.write(path, bytes).map_err(|e| Error::io(path, "write the file", &e))?;
     }
     rename_all(staged.into_iter().map(Staged::named).collect::<Result<_>>()?, inputs)
 }
@@ -178,11 +196,6 @@ fn rename_all(named: Vec<Named>, inputs: &Inputs) -> Result<()> {
         new.push(path.display().to_string());
     }
     Ok(())
-}
-
-/// A device or a pipe, which is written to and never replaced.
-fn is_special(path: &Path) -> bool {
-    std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir())
 }
 
 #[cfg(test)]
@@ -269,7 +282,8 @@ mod tests {
         assert!(write_all(vec![output(&a, b"new"), output(&b, b"new")]).is_err());
         assert_eq!(std::fs::read(&a).unwrap(), b"old");
         std::fs::remove_dir(&b).unwrap();
-        let named = |path: &Path| stage(path, b"new").and_then(Staged::named).unwrap();
+        let named =
+            |path: &Path| stage(path, path.to_path_buf(), b"new").and_then(Staged::named).unwrap();
         let gone = named(&b);
         std::fs::remove_file(&gone.name).unwrap();
         let error = rename_all(vec![named(&a), gone], &Inputs::default()).unwrap_err().to_string();
@@ -299,6 +313,24 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
+    fn a_link_to_nothing_is_followed_and_what_it_names_is_created_and_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [target, link, lost] = ["target", "link", "lost"].map(|name| folder.path().join(name));
+        std::os::unix::fs::symlink("target", &link).unwrap();
+        std::os::unix::fs::symlink("missing/target", &lost).unwrap();
+        check_writable(&link).unwrap();
+        assert!(check_distinct(&[&link, &target], &[]).is_err());
+        write_all(vec![output(&link, b"new")]).unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(std::fs::read(&target).unwrap(), b"new");
+        remove(&link);
+        assert!(link.is_symlink() && !target.exists());
+        let error = check_writable(&lost).unwrap_err().to_string();
+        assert!(error.contains("missing does not exist"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
     fn a_link_is_followed_and_a_device_is_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let (target, link) = (folder.path().join("target"), folder.path().join("link"));
@@ -308,6 +340,6 @@ mod tests {
         assert_eq!(std::fs::read(&target).unwrap(), b"new");
         assert!(link.is_symlink());
         write_all(vec![output(Path::new("/dev/null"), b"new")]).unwrap();
-        assert!(is_special(Path::new("/dev/null")));
+        assert!(is_stream(Path::new("/dev/null")));
     }
 }

@@ -1,11 +1,12 @@
 //! Temporary files, which become outputs.
 
+use super::destination::folder_of;
 use crate::error::{Error, Result};
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use tempfile::TempPath;
+use tempfile::{NamedTempFile, TempPath};
 
 /// The temporary names that a process has given. Some of them may be taken back already.
 pub(super) struct Names(Mutex<Vec<PathBuf>>);
@@ -74,28 +75,47 @@ fn failed(path: &Path) -> impl Fn(std::io::Error) -> Error {
     }
 }
 
-/// Writes a file that has no name yet, and waits until it is on the disk.
+/// Writes a file that has no name yet and will replace `target`, and waits until it is on the disk. Errors name the
+/// `path` that was given for it.
 ///
 /// # Errors
 /// Whatever the system says.
-pub(super) fn stage(path: &Path, bytes: &[u8]) -> Result<Staged> {
-    let target = target_of(path);
-    let folder = folder_of(&target);
-    let (mut file, name) = match unnamed(folder) {
-        Some(file) => (file, None),
+pub(super) fn stage(path: &Path, target: PathBuf, bytes: &[u8]) -> Result<Staged> {
+    let unnamed = unnamed(folder_of(&target));
+    stage_in(unnamed, path, target, bytes)
+}
+
+fn stage_in(unnamed: Option<File>, path: &Path, target: PathBuf, bytes: &[u8]) -> Result<Staged> {
+    let (mut file, name) = match unnamed {
+        Some(file) => {
+            let _ = file.try_lock();
+            (file, None)
+        }
         None => {
-            let make = || part().tempfile_in(folder).map_err(failed(path));
-            let (file, name) = NAMES.note(make, |made| made.path())?.into_parts();
+            let make = || part().tempfile_in(folder_of(&target)).map_err(failed(path));
+            let (file, name) = locked(make)?.into_parts();
             (file, Some(name))
         }
     };
-    let _ = file.try_lock();
     // An existing file's permissions stay.
     if let Ok(existing) = std::fs::metadata(&target) {
         file.set_permissions(existing.permissions()).map_err(failed(path))?;
     }
     file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed(path))?;
     Ok(Staged { file, name, target, path: path.to_path_buf() })
+}
+
+/// A locked file under a temporary name. In the moment before it is locked another run may take it for a leftover;
+/// then another one is made.
+fn locked(mut make: impl FnMut() -> Result<NamedTempFile>) -> Result<NamedTempFile> {
+    loop {
+        let made = NAMES.note(&mut make, |made| made.path())?;
+        // Where the system knows no locks nobody can lock it to remove it either.
+        let is_held = matches!(made.as_file().try_lock(), Err(TryLockError::WouldBlock));
+        if !is_held && made.path().exists() {
+            return Ok(made);
+        }
+    }
 }
 
 impl Staged {
@@ -117,11 +137,13 @@ impl Staged {
 
 const PREFIX: &str = ".isolux-";
 const SUFFIX: &str = ".part";
+/// So many letters and digits stand between them.
+const RANDOM: usize = 6;
 
 /// Makes temporary names.
 fn part() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(PREFIX).suffix(SUFFIX);
+    builder.prefix(PREFIX).suffix(SUFFIX).rand_bytes(RANDOM);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -167,27 +189,22 @@ fn link(_: &File, _: &Path) -> std::io::Result<()> {
 /// Removes what runs that were killed have left in a folder. Files that another run writes are locked.
 pub(super) fn remove_leftovers(folder: &Path) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let is_part = name.to_str().is_some_and(|n| n.starts_with(PREFIX) && n.ends_with(SUFFIX));
-        if is_part && entry.file_type().is_ok_and(|kind| kind.is_file()) {
-            let file = File::open(entry.path());
-            if file.is_ok_and(|file| file.try_lock().is_ok()) {
-                let _ = std::fs::remove_file(entry.path());
-            }
+        let is_part = entry.file_name().to_str().is_some_and(is_temporary);
+        if !is_part || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        let Ok(file) = File::open(entry.path()) else { continue };
+        // Locked until the name is gone, so that the run that has just made it sees that it is taken.
+        if file.try_lock().is_ok() {
+            let _ = std::fs::remove_file(entry.path());
         }
     }
 }
 
-/// The file that is replaced: a link stays, and what it points to is.
-pub(super) fn target_of(path: &Path) -> PathBuf {
-    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
-}
-
-pub(super) fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    }
+/// Whether [`part`] makes such names. Others are the user's.
+fn is_temporary(name: &str) -> bool {
+    let random = name.strip_prefix(PREFIX).and_then(|rest| rest.strip_suffix(SUFFIX));
+    random.is_some_and(|r| r.len() == RANDOM && r.bytes().all(|b| b.is_ascii_alphanumeric()))
 }
 
 #[cfg(test)]
@@ -197,20 +214,90 @@ mod tests {
     #[test]
     fn the_next_run_removes_what_a_killed_one_left_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
-        let [left, held, foreign] = [".isolux-aaaaaa.part", ".isolux-bbbbbb.part", "a.part"]
-            .map(|name| folder.path().join(name));
-        [&left, &held, &foreign].iter().for_each(|path| std::fs::write(path, "x").unwrap());
+        let at = |name: &str| folder.path().join(name);
+        let [left, held] = [".isolux-aB0123.part", ".isolux-bbbbbb.part"].map(at);
+        let foreign = [
+            "a.part",
+            ".isolux-room.part",
+            ".isolux-my_one.part",
+            ".isolux-part",
+            ".isolux-abcdefg.part",
+        ]
+        .map(at);
+        [&left, &held]
+            .into_iter()
+            .chain(&foreign)
+            .for_each(|path| std::fs::write(path, "x").unwrap());
         let holder = File::open(&held).unwrap();
         holder.lock().unwrap();
         remove_leftovers(folder.path());
-        assert!(!left.exists() && held.exists() && foreign.exists());
+        assert!(!left.exists() && held.exists() && foreign.iter().all(|path| path.exists()));
+    }
+
+    #[test]
+    fn the_names_that_are_made_are_known_again() {
+        let folder = tempfile::tempdir().unwrap();
+        for _ in 0..100 {
+            let made = part().tempfile_in(folder.path()).unwrap();
+            assert!(is_temporary(made.path().file_name().unwrap().to_str().unwrap()));
+        }
+    }
+
+    #[test]
+    fn a_new_file_that_another_run_takes_for_a_leftover_is_made_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut made, mut remover) = (0, None);
+        let make = || {
+            let file = part().tempfile_in(folder.path()).map_err(failed(folder.path()))?;
+            made += 1;
+            match made {
+                1 => remove_leftovers(folder.path()),
+                // Another run is about to remove it.
+                2 => remover = File::open(file.path()).ok().filter(|file| file.try_lock().is_ok()),
+                _ => {}
+            }
+            Ok(file)
+        };
+        let file = locked(make).unwrap();
+        assert!(remover.is_some());
+        assert_eq!(made, 3);
+        remove_leftovers(folder.path());
+        assert!(file.path().exists());
+    }
+
+    #[test]
+    fn without_files_that_have_no_name_runs_in_one_folder_leave_each_other_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let is_over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(std::sync::atomic::Ordering::SeqCst) {
+                    remove_leftovers(folder.path());
+                }
+            });
+            for k in 0..200 {
+                let target = folder.path().join(format!("{k}.png"));
+                let written =
+                    stage_in(None, &target, target.clone(), b"new").and_then(Staged::named);
+                let is_there = written.is_ok_and(|named| named.name.persist(&named.target).is_ok());
+                assert!(
+                    is_there || {
+                        is_over.store(true, std::sync::atomic::Ordering::SeqCst);
+                        false
+                    },
+                    "{k}"
+                );
+            }
+            is_over.store(true, std::sync::atomic::Ordering::SeqCst);
+        });
     }
 
     #[cfg(target_os = "linux")]
     #[test]
     fn what_is_staged_has_no_name_that_could_outlive_the_process() {
         let folder = tempfile::tempdir().unwrap();
-        let staged = stage(&folder.path().join("a.png"), b"new").unwrap();
+        let path = folder.path().join("a.png");
+        let staged = stage(&path, path.clone(), b"new").unwrap();
         let names = || std::fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(names(), staged.name.is_some() as usize);
         let named = staged.named().unwrap();
