@@ -68,9 +68,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         ..Report::default()
     };
     let mut inputs = Inputs::default();
-    for scene in &scenes {
-        let stage = stage(scene, arguments.seed, &mut inputs)?;
-        inputs.check_distinct(arguments.json.as_deref().as_slice())?;
+    let stages = scenes.iter().map(|scene| stage(scene, arguments.seed, &mut inputs));
+    let stages = stages.collect::<Result<Vec<_>>>()?;
+    inputs.check_distinct(arguments.json.as_deref().as_slice())?;
+    for stage in stages {
         measure(&stage, &pools, arguments, &mut report)?;
     }
     if let Some(path) = &arguments.json {

@@ -3,7 +3,7 @@
 use super::arguments::{RenderArguments, ShadingName};
 use super::partial::Partial;
 use crate::error::{Error, Result};
-use crate::export::file::{Inputs, check_writable};
+use crate::export::file::{Inputs, check_writable, is_replaced};
 use crate::export::picture::Format;
 use crate::render::Background;
 use clap::ValueEnum;
@@ -46,10 +46,19 @@ pub(super) fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             .in_file(path)
             .remedy("write them as .exr or .hdr"));
     }
+    check_overwriting(arguments, &pictures, &Inputs::default())?;
     let errors = error_images(arguments);
     let others = arguments.run.stats.iter().chain(&errors);
     for path in pictures.iter().map(|picture| &picture.path).chain(others) {
         check_writable(path)?;
+    }
+    let stream = pictures.iter().find(|picture| !is_replaced(&picture.path));
+    if let Some(picture) = stream.filter(|_| arguments.preview.is_some()) {
+        return Err(Error::new(
+            "--preview renews a file, and this is a pipe, a device or a descriptor",
+        )
+        .in_file(&picture.path)
+        .remedy("leave it out, or name a file"));
     }
     for partial in partials(&pictures).iter().filter(|_| !arguments.resume) {
         partial.check_absent()?;

@@ -57,6 +57,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
         Some(_) => check_ending(&arguments.output, "part", "a part of solved light")?,
         None => check_light(&arguments.output)?,
     }
+    Inputs::default().check_distinct(&outputs)?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
     let mut document = Document::open(&arguments.scene)?;
     arguments.scenery.apply(&mut document);
