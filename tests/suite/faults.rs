@@ -1,5 +1,5 @@
-//! What the program leaves when it is killed while it writes, when a disk is full or may not be written, when
-//! memory is short, and when a file shrinks while it is read.
+//! What the program leaves when it is killed while it writes, when a disk is full or may not be written, and when
+//! memory is short.
 #![cfg(target_os = "linux")]
 
 use std::fs;
@@ -7,7 +7,7 @@ use std::io::Write;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use tempfile::TempDir;
 
 const KILL: i32 = 9;
@@ -18,26 +18,19 @@ fn folder() -> TempDir {
     with_triangle(tempfile::tempdir().expect("a temporary folder"))
 }
 
-/// As [`folder`], in memory where there is such a disk: files are cut there without waiting for a journal.
-fn folder_in_memory() -> TempDir {
-    with_triangle(
-        tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder"),
-    )
-}
-
 /// As [`folder`], on the disk of the build, where a write lasts until it is on the disk.
 fn folder_on_disk() -> TempDir {
     with_triangle(tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder"))
 }
 
-fn with_triangle(folder: TempDir) -> TempDir {
+pub(super) fn with_triangle(folder: TempDir) -> TempDir {
     let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
     write("s.obj", "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
     write("s.mtl", "newmtl m\nKd .5 .5 .5\nKe 1 1 1\n");
     folder
 }
 
-fn program(folder: &Path, arguments: &[&str]) -> Command {
+pub(super) fn program(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(assert_cmd::cargo::cargo_bin("isolux"));
     command.current_dir(folder).args(arguments).stdout(Stdio::null()).stderr(Stdio::piped());
     command
@@ -53,7 +46,7 @@ fn limited(folder: &Path, limits: &str, arguments: &[&str]) -> Command {
 }
 
 /// How it ended, and what it said on standard error.
-fn end(mut command: Command) -> (ExitStatus, String) {
+pub(super) fn end(mut command: Command) -> (ExitStatus, String) {
     let output = command.spawn().expect("it runs").wait_with_output().expect("it ends");
     (output.status, String::from_utf8(output.stderr).expect("UTF-8"))
 }
@@ -68,7 +61,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 /// Files that a process has open at this moment: their paths, and the names by which they can be looked at.
-fn open_files(child: &Child) -> Vec<(PathBuf, PathBuf)> {
+pub(super) fn open_files(child: &Child) -> Vec<(PathBuf, PathBuf)> {
     let entries = fs::read_dir(format!("/proc/{}/fd", child.id())).into_iter().flatten().flatten();
     let paths = entries.map(|entry| Some((fs::read_link(entry.path()).ok()?, entry.path())));
     paths.flatten().collect()
@@ -353,73 +346,4 @@ fn memory_that_is_short_is_one_clear_error() {
         }
     }
     assert!(refused > 4, "{refused}");
-}
-
-/// Cuts a file in the moment that the program has it open. Returns whether that moment was caught, and how the
-/// run ended.
-fn cut_while_read(
-    folder: &Path,
-    arguments: &[&str],
-    (file, bytes): (&str, &[u8]),
-    left: u64,
-) -> (bool, ExitStatus, String) {
-    let path = folder.join(file);
-    fs::write(&path, bytes).expect("a file");
-    let handle = fs::File::options().write(true).open(&path).expect("it is there");
-    let mut child = program(folder, arguments).spawn().expect("it runs");
-    let began = Instant::now();
-    let is_caught = loop {
-        if open_files(&child).iter().any(|(open, _)| *open == path) {
-            handle.set_len(left).expect("it can be cut");
-            break true;
-        }
-        if child.try_wait().expect("a state").is_some() {
-            break false;
-        }
-        assert!(began.elapsed() < Duration::from_secs(60), "{arguments:?} takes too long");
-    };
-    let output = child.wait_with_output().expect("it ends");
-    (is_caught, output.status, String::from_utf8(output.stderr).expect("UTF-8"))
-}
-
-#[test]
-fn a_file_that_shrinks_while_it_is_read_is_an_error_or_was_read_before() {
-    let folder = folder_in_memory();
-    let path = fs::canonicalize(folder.path()).expect("a folder");
-    // Comments take time to read, and hardly any to understand.
-    let model =
-        "# a comment as long as a line\n".repeat(200_000) + "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-    let noise: Vec<u8> =
-        (0..3_000_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-    let picture = image::RgbImage::from_raw(1000, 1000, noise).expect("three bytes per pixel");
-    picture.save(path.join("t.png")).expect("a picture");
-    let texture = fs::read(path.join("t.png")).expect("a picture");
-    let uv = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
-    fs::write(path.join("t.obj"), uv).expect("a file");
-    fs::write(path.join("t.mtl"), "newmtl m\nmap_Kd t.png\nKe 1 1 1\n").expect("a file");
-    let flags = ["--levels", "9", "--samples", "1"];
-    let solve = [&["solve", "s.obj", "-o", "l.light"][..], &flags].concat();
-    let (status, said) = end(program(&path, &solve));
-    assert!(status.success(), "{said}");
-    let light = fs::read(path.join("l.light")).expect("light");
-    let render = ["render", "l.light", "-o", "o.png", "--size", "8x8", "--spp", "1"];
-    let files: [(&str, &[u8], &[&str]); 3] = [
-        ("m.obj", model.as_bytes(), &["info", "m.obj"]),
-        ("t.png", &texture, &["info", "t.obj"]),
-        ("l.light", &light, &render),
-    ];
-    for (file, bytes, arguments) in files {
-        let (mut caught, mut complained) = (0, 0);
-        for tenths in [0, 3, 5, 9, 0, 3, 5, 9] {
-            let left = bytes.len() as u64 * tenths / 10;
-            let (is_caught, status, said) = cut_while_read(&path, arguments, (file, bytes), left);
-            assert!(matches!(status.code(), Some(0 | 2)), "{file}: {status}: {said}");
-            // A picture that cannot be read is a warning.
-            let complains = !status.success() || said.contains("t.png");
-            assert!(!complains || said.contains(file), "{file}: {said}");
-            caught += u32::from(is_caught);
-            complained += u32::from(complains);
-        }
-        eprintln!("{file}: cut while open in {caught} of 8 runs, which {complained} runs noticed");
-    }
 }

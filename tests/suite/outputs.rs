@@ -1,0 +1,149 @@
+//! Outputs that are no plain files: descriptors that the program was given, pipes, links; and outputs that are one file.
+#![cfg(target_os = "linux")]
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A folder with `s.obj`, a triangle that shines.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
+    write("s.obj", "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
+    write("s.mtl", "newmtl m\nKd .5 .5 .5\nKe 1 1 1\n");
+    folder
+}
+
+/// Runs `script` by the shell, where `$render` draws `s.obj` and needs an output.
+fn shell(folder: &Path, script: &str) -> Output {
+    let program = assert_cmd::cargo::cargo_bin("isolux");
+    let render = format!("{} render s.obj --size 4x4 --spp 1 --levels 0", program.display());
+    let mut command = Command::new("sh");
+    command.args(["-c", script]).current_dir(folder).env("render", render);
+    command.env("isolux", program).output().expect("it runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Whether the figures of a run are in a text, once and whole.
+fn has_figures(text: &str) -> bool {
+    let Some(begin) = text.find('{') else { return false };
+    let mut values = serde_json::Deserializer::from_str(&text[begin..]).into_iter();
+    let first: Option<Result<serde_json::Value, _>> = values.next();
+    first.is_some_and(|value| value.is_ok()) && text.matches("\"triangles\"").count() == 1
+}
+
+#[test]
+fn a_log_that_standard_output_is_appended_to_keeps_what_it_held() {
+    for path in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "/proc/thread-self/fd/1", "link"] {
+        let folder = folder();
+        fs::write(folder.path().join("log"), "before\n").expect("a file");
+        std::os::unix::fs::symlink("/dev/stdout", folder.path().join("link")).expect("a link");
+        let script = format!("$render -o a.png --stats {path} >>log && echo after >>log");
+        let run = shell(folder.path(), &script);
+        assert!(run.status.success(), "{path}: {}", text(&run.stderr));
+        let log = fs::read_to_string(folder.path().join("log")).expect("a file");
+        assert!(log.starts_with("before\n{") && log.ends_with("after\n"), "{path}: {log}");
+        assert!(has_figures(&log) && log.contains("wrote"), "{path}: {log}");
+        assert!(folder.path().join("link").is_symlink());
+    }
+}
+
+#[test]
+fn a_descriptor_is_written_to_where_it_stands() {
+    let folder = folder();
+    let script = "exec 7>log; echo first >&7; $render -o a.png --stats /dev/fd/7; echo last >&7";
+    let run = shell(folder.path(), script);
+    let log = fs::read_to_string(folder.path().join("log")).expect("a file");
+    assert!(
+        log.starts_with("first\n{") && log.ends_with("}\nlast\n"),
+        "{}{log}",
+        text(&run.stderr)
+    );
+    assert!(has_figures(&log), "{log}");
+}
+
+#[test]
+fn a_pipe_and_a_named_pipe_get_the_bytes_and_stay() {
+    let folder = folder();
+    let run = shell(folder.path(), "$render -o a.png --stats /dev/stdout | cat");
+    assert!(has_figures(&text(&run.stdout)), "{}", text(&run.stderr));
+    let script = "mkfifo b.png && cat b.png >copy & while ! [ -p b.png ]; do :; done; $render -o b.png; wait";
+    let run = shell(folder.path(), script);
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    let picture = fs::read(folder.path().join("copy")).expect("a file");
+    assert_eq!(picture, fs::read(folder.path().join("a.png")).expect("a file"));
+    let kind = fs::metadata(folder.path().join("b.png")).expect("it is there").file_type();
+    assert!(std::os::unix::fs::FileTypeExt::is_fifo(&kind));
+    let run = shell(folder.path(), "$render -o b.png --preview 1s");
+    assert!(text(&run.stderr).contains("--preview renews a file"), "{}", text(&run.stderr));
+}
+
+#[test]
+fn descriptors_that_cannot_be_written_to_are_refused_before_anything_is_computed() {
+    let folder = folder();
+    for redirection in ["7<s.obj", "7>&-"] {
+        let script = format!("$render -o a.png --stats /dev/fd/7 {redirection}");
+        let run = shell(folder.path(), &script);
+        let said = text(&run.stderr);
+        assert_eq!(run.status.code(), Some(2), "{said}");
+        assert!(said.contains("/dev/fd/7: the descriptor 7 cannot be written to"), "{said}");
+        assert!(!folder.path().join("a.png").exists());
+    }
+    // The shell's own: its number means nothing here.
+    let run = shell(folder.path(), "exec 7>log; $render -o a.png --stats /proc/$$/fd/7; true");
+    assert!(text(&run.stderr).contains("that another process has open"), "{}", text(&run.stderr));
+}
+
+#[test]
+fn a_link_to_nothing_is_created_through_and_so_is_what_is_kept() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    // What is done of the first view is kept while the second one is drawn.
+    let views = "models = ['s.obj']\n[views.a]\nposition = [0.3, 0.3, 2]\nlook_at = [0.3, 0.3, 0]\n\
+                 [views.b]\nposition = [0.3, 0.3, 3]\nlook_at = [0.3, 0.3, 0]\n";
+    fs::write(at("s.toml"), views).expect("a file");
+    for (link, target) in [("o-a.png", "real.png"), ("o-a.png.partial", "real.partial")] {
+        std::os::unix::fs::symlink(target, at(link)).expect("a link");
+    }
+    let quick = "--size 4x4 --levels 0 --error 50%";
+    let run = shell(folder.path(), &format!("$isolux render s.toml -o o.png --view a,b {quick}"));
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    assert!(at("o-a.png").is_symlink() && at("real.png").is_file());
+    assert!(at("o-a.png.partial").is_symlink() && !at("real.partial").exists());
+}
+
+#[test]
+fn outputs_that_are_one_file_are_refused_before_anything_is_read() {
+    let folder = folder();
+    let run = |script: &str| {
+        let run = shell(folder.path(), script);
+        assert_eq!(run.status.code(), Some(2), "{script}");
+        text(&run.stderr)
+    };
+    fs::write(folder.path().join("s.obj"), "no model").expect("a file");
+    for script in [
+        "$render -o a.png --stats a.png",
+        "$render -o a.png --stats ./a.png",
+        "$isolux solve s.obj -o a.light --stats a.light",
+    ] {
+        let said = run(script);
+        assert!(said.contains("this output would overwrite another one, a."), "{script}: {said}");
+        assert!(!said.contains("s.obj"), "{said}");
+    }
+}
+
+#[test]
+fn a_bench_that_would_overwrite_a_scene_is_refused_before_any_is_measured() {
+    let folder = folder();
+    fs::copy(folder.path().join("s.obj"), folder.path().join("t.obj")).expect("a file");
+    // Some minutes of measuring.
+    let measured = "--rays 100000000 --rounds 1000 --threads 1";
+    let script = format!("timeout 20 \"$isolux\" bench s.obj t.obj --json t.obj {measured}");
+    let run = shell(folder.path(), &script);
+    let said = text(&run.stderr);
+    assert!(run.status.code() == Some(2) && said.contains("would overwrite t.obj"), "{said}");
+}
