@@ -115,3 +115,30 @@ fn through_the_clear_part_of_a_decal_the_wall_is_seen() {
         assert!(seen(x + 0.5) >= TriangleId(2), "solid at {}", x + 0.5);
     }
 }
+
+#[test]
+fn a_decal_in_a_large_fan_is_found_and_neighbours_in_the_fan_do_not_overlap() {
+    const COUNT: usize = 50_000;
+    for place in [as_it_is, askew] {
+        let at = |k: usize| {
+            let angle = 2.0 * PI * (k % COUNT) as f64 / COUNT as f64;
+            Vec3::new(angle.cos() as f32, 0.0, -angle.sin() as f32)
+        };
+        let fan = (0..COUNT).map(|k| Triangle::new(Vec3::ZERO, at(k), at(k + 1))).collect();
+        let decal = square(Vec3::new(0.31, 0.0, 0.2), Vec3::Z * 0.1, Vec3::X * 0.1);
+        let scene = scene([fan, decal].map(|triangles| Piece::new(place(triangles))));
+        let overlaps = scene.overlaps();
+        let id = |k: usize| TriangleId(k as u32);
+        let decal = [id(COUNT), id(COUNT + 1)];
+        let mut count = 0;
+        for k in 0..COUNT {
+            let with = overlaps.with(id(k));
+            assert!(with.iter().all(|other| decal.contains(other)), "{k}: {with:?}");
+            count += usize::from(!with.is_empty());
+        }
+        // From the apex the decal is seen between the directions to (0.41, 0.2) and (0.31, 0.3).
+        let angle = (0.3f64 / 0.31).atan() - (0.2f64 / 0.41).atan();
+        let share = count as f64 / (angle / (2.0 * PI) * COUNT as f64);
+        assert!((0.99..1.01).contains(&share), "{count} triangles, {share} of what the angle has");
+    }
+}

@@ -72,7 +72,7 @@ pub(in crate::scene) fn barycentrics(
 
 /// The part of a polygon that lies in a convex one.
 pub(in crate::scene) fn common(polygon: &[DVec2], with: &[DVec2]) -> Polygon {
-    edges(with).fold(polygon.to_vec(), |rest, (a, b)| left_of(&rest, a, b))
+    edges(with).fold(polygon.to_vec(), |rest, (a, b)| left_of(&rest, a, b - a))
 }
 
 /// The parts of a polygon that do not lie in a convex one, but for those that rounding makes.
@@ -83,8 +83,8 @@ pub(in crate::scene) fn without(polygon: Polygon, convex: &[DVec2]) -> Vec<Polyg
     }
     let (mut rest, mut outside) = (polygon, Vec::new());
     for (a, b) in edges(convex) {
-        let part = left_of(&rest, b, a);
-        rest = left_of(&rest, a, b);
+        let part = left_of(&rest, b, a - b);
+        rest = left_of(&rest, a, b - a);
         if area(&part) > tiny {
             outside.push(part);
         }
@@ -115,10 +115,10 @@ fn edges(polygon: &[DVec2]) -> impl Iterator<Item = (DVec2, DVec2)> + '_ {
     polygon.iter().copied().zip(next.copied())
 }
 
-/// The part of a convex polygon to the left of the line from `a` to `b` (Sutherland & Hodgman, "Reentrant
-/// Polygon Clipping", 1974).
-fn left_of(polygon: &[DVec2], a: DVec2, b: DVec2) -> Polygon {
-    let side = |p: DVec2| (b - a).perp_dot(p - a);
+/// The part of a convex polygon to the left of a line that runs through `from` along `along` (Sutherland & Hodgman,
+/// "Reentrant Polygon Clipping", 1974).
+pub(super) fn left_of(polygon: &[DVec2], from: DVec2, along: DVec2) -> Polygon {
+    let side = |p: DVec2| along.perp_dot(p - from);
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (p, q) in edges(polygon) {
         let (from, to) = (side(p), side(q));

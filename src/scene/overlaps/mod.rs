@@ -4,6 +4,8 @@
 //! over the whole overlap: one whose front faces the viewer before one whose back does, then that of the smaller
 //! surface, then the later one. The others are there as little as what is behind them.
 
+mod cut;
+mod divided;
 pub(super) mod flat;
 mod near;
 mod row;
@@ -15,12 +17,14 @@ use crate::geometry::bounds::Bounds;
 use crate::geometry::{Triangle, TriangleId};
 use flat::Polygon;
 use glam::Vec3;
-use near::PARALLEL;
-use row::Flat;
+use row::{Flat, PARALLEL};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-/// Pairs that are looked at, and those of them that may overlap: per triangle, and beyond.
+/// Pairs whose boxes are looked at, and those of them that are compared, before the plane is divided; then pieces and
+/// pairs that are looked at, and overlaps: each per triangle, and beyond.
+const MOST_BOXES: (u64, u64) = (256, 1_000_000);
+const MOST_COMPARED: (u64, u64) = (32, 100_000);
 const MOST_LOOKED_AT: (u64, u64) = (256, 4_000_000);
 const MOST_FOUND: (u64, u64) = (32, 1_000_000);
 
@@ -32,7 +36,7 @@ pub struct Overlaps {
     others: Vec<TriangleId>,
     /// Per triangle: of two that overlap the lower is seen.
     rank: Vec<u32>,
-    /// Whether the search was given up: nearly all triangles are in one place.
+    /// Whether the search was given up: too many parallel triangles are in one place.
     pub(crate) is_given_up: bool,
 }
 
@@ -65,14 +69,14 @@ impl Overlaps {
 
     /// `material_of` has one entry per triangle.
     pub(super) fn find(triangles: &[Triangle], material_of: &[MaterialId]) -> Overlaps {
-        let flat = |number: u32| {
-            let triangle = &triangles[number as usize];
-            Flat { bounds: padded(triangle), normal: triangle.normal() }
-        };
+        let flat = |number: u32| flat_of(&triangles[number as usize]);
         let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
         let limit = |most: (u64, u64)| most.0 * triangles.len() as u64 + most.1;
-        let most = [limit(MOST_LOOKED_AT), limit(MOST_FOUND)];
-        match near::pairs(triangles.len(), flat, overlap, most) {
+        let [boxes, compared] = [MOST_BOXES, MOST_COMPARED].map(limit);
+        let divided =
+            || divided::pairs(triangles, flat, overlap, [MOST_LOOKED_AT, MOST_FOUND].map(limit));
+        let pairs = near::pairs(triangles.len(), flat, overlap, [boxes, compared]).or_else(divided);
+        match pairs {
             None => Overlaps { is_given_up: true, ..Overlaps::default() },
             Some(pairs) if pairs.is_empty() => Overlaps::default(),
             Some(pairs) => Overlaps::new(triangles, material_of, &pairs),
@@ -109,6 +113,10 @@ impl Overlaps {
 struct Surfaces {
     triangles: Vec<Triangle>,
     material_of: Vec<MaterialId>,
+}
+
+fn flat_of(triangle: &Triangle) -> Flat {
+    Flat { bounds: padded(triangle), normal: triangle.normal() }
 }
 
 /// Grown by what lifts rays off the triangle.

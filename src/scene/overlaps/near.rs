@@ -3,45 +3,58 @@
 //! The boxes are sorted by size, then along a Morton curve; eight in a row have a box around them, eight of those
 //! again, and so on. Each row of eight is compared with those behind it that its box touches.
 
-use super::row::{Boxes, Flat, Row, WIDTH, lanes};
+use super::row::{Boxes, Flat, PARALLEL, Row, WIDTH, lanes};
 use crate::geometry::bounds::Bounds;
 use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Normals with a smaller cosine between them are not those of one plane. Within the tolerance of rays two
-/// planes at a degree stay together for a few thousandths of a percent of the scene only.
-pub(super) const PARALLEL: f32 = 0.9998;
-
 /// Of `count` things, numbered from 0, the pairs that touch, are parallel and are `wanted`, the lower number first,
-/// in order. `None` if more than `most[0]` pairs would have to be looked at, or more than `most[1]` are wanted.
+/// in order. `None` if the boxes of more than `most[0]` pairs would have to be looked at, or `wanted` would be asked
+/// more than `most[1]` times.
 pub(super) fn pairs(
     count: usize,
     thing: impl Fn(u32) -> Flat + Sync,
     wanted: impl Fn(u32, u32) -> bool + Sync,
     most: [u64; 2],
 ) -> Option<Vec<(u32, u32)>> {
-    let (tree, level) = (Tree::new(count, thing), Level::new());
-    let [looked_at, found] = [AtomicU64::new(0), AtomicU64::new(0)];
+    let tree = Tree::new(count, thing);
+    let groups = 0..tree.levels[0].len();
+    // Some of the groups tell at little cost that boxes are of no use.
+    let some = groups.clone().into_par_iter().skip(SAMPLE / 2).step_by(SAMPLE);
+    pairs_of(&tree, some, &wanted, most.map(|most| most / SAMPLE as u64))?;
+    let mut pairs = pairs_of(&tree, groups.into_par_iter(), &wanted, most)?;
+    pairs.par_sort_unstable();
+    Some(pairs)
+}
+
+/// One group of this many is looked at before all others are.
+const SAMPLE: usize = 32;
+
+/// The wanted pairs of some groups, in any order; `None` if there are too many.
+fn pairs_of(
+    tree: &Tree,
+    groups: impl ParallelIterator<Item = usize>,
+    wanted: &(impl Fn(u32, u32) -> bool + Sync),
+    most: [u64; 2],
+) -> Option<Vec<(u32, u32)>> {
+    let level = Level::new();
+    let counts = [AtomicU64::new(0), AtomicU64::new(0)];
     let is_exceeded =
-        || looked_at.load(Ordering::Relaxed) > most[0] || found.load(Ordering::Relaxed) > most[1];
+        || counts.iter().zip(most).any(|(count, most)| count.load(Ordering::Relaxed) > most);
     let of_group = |group: usize| {
-        let mut search = Search { tree: &tree, wanted: &wanted, looked_at: 0, found: Vec::new() };
+        let mut search = Search { tree, wanted, counts: [0; 2], most, found: Vec::new() };
         if !is_exceeded() {
             dispatch!(level, simd => search.pairs_of(simd, group));
         }
-        looked_at.fetch_add(search.looked_at, Ordering::Relaxed);
-        found.fetch_add(search.found.len() as u64, Ordering::Relaxed);
+        for (all, count) in counts.iter().zip(search.counts) {
+            all.fetch_add(count, Ordering::Relaxed);
+        }
         search.found
     };
-    let groups = tree.levels[0].len();
-    let mut pairs: Vec<(u32, u32)> = (0..groups).into_par_iter().flat_map_iter(of_group).collect();
-    if is_exceeded() {
-        return None;
-    }
-    pairs.par_sort_unstable();
-    Some(pairs)
+    let pairs = groups.flat_map_iter(of_group).collect();
+    (!is_exceeded()).then_some(pairs)
 }
 
 struct Tree {
@@ -56,8 +69,8 @@ impl Tree {
         let numbers = 0..count as u32;
         let boxes = numbers.clone().into_par_iter().map(|number| thing(number).bounds);
         let all = boxes.reduce(|| Bounds::EMPTY, |a, b| a.with(&b));
-        let places = numbers.into_par_iter().map(|number| place(&thing(number).bounds, &all));
-        let order = in_order(&places.collect::<Vec<u64>>());
+        let placed = |number| (place(&thing(number).bounds, &all), number);
+        let order = in_order(numbers.into_par_iter().map(placed).collect());
         let rows: Vec<Row> = order.par_chunks(WIDTH).map(|row| Row::new(row, &thing)).collect();
         let groups = rows.par_chunks(WIDTH);
         let around = |rows: &[Row]| Boxes::new(rows.iter().map(|row| row.boxes.around()));
@@ -93,7 +106,9 @@ impl Tree {
 struct Search<'t, F> {
     tree: &'t Tree,
     wanted: &'t F,
-    looked_at: u64,
+    /// Boxes that were looked at, and pairs of which it was asked whether they are wanted; and the most of them.
+    counts: [u64; 2],
+    most: [u64; 2],
     found: Vec<(u32, u32)>,
 }
 
@@ -108,6 +123,9 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
             let bounds = own.get(lane);
             self.pairs_within(simd, row);
             for &other in &others {
+                if self.counts[0] > self.most[0] || self.counts[1] > self.most[1] {
+                    return;
+                }
                 let touching = levels[0][other].touching(simd, &bounds);
                 let before = if other == group { (2 << lane) - 1 } else { 0 };
                 for lane in lanes(touching & !before) {
@@ -128,7 +146,7 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     #[inline(always)]
     fn pairs_between<S: Simd>(&mut self, simd: S, (row, bounds): (&Row, &Bounds), other: &Row) {
         for lane in lanes(other.boxes.touching(simd, bounds)) {
-            self.looked_at += WIDTH as u64;
+            self.counts[0] += WIDTH as u64;
             self.look(other, lane, (row, row.fitting(simd, &other.get(lane), PARALLEL)));
         }
     }
@@ -136,6 +154,7 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     /// Keeps the pairs of one thing with some of a row, as far as they are wanted.
     #[inline(always)]
     fn look(&mut self, one: &Row, lane: usize, (row, fitting): (&Row, u64)) {
+        self.counts[1] += u64::from(fitting.count_ones());
         for other in lanes(fitting) {
             let (a, b) = (one.numbers[lane], row.numbers[other]);
             let pair = (a.min(b), a.max(b));
@@ -146,28 +165,27 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     }
 }
 
-/// The numbers of keys in ascending order, those of equal keys too: a radix sort by 11 bits at a time.
-fn in_order(keys: &[u64]) -> Vec<u32> {
+/// The numbers of keyed items, their keys in ascending order, those of equal keys as they are: a radix sort by 11 bits
+/// at a time. Keys move along with the numbers, since memory would be waited for if they stayed where they are.
+fn in_order(mut items: Vec<(u64, u32)>) -> Vec<u32> {
     const BITS: u32 = 11;
-    let mut order: Vec<u32> = (0..keys.len() as u32).collect();
-    let mut sorted = vec![0; keys.len()];
+    let mut sorted = vec![(0, 0); items.len()];
     for shift in (0..PLACE_BITS).step_by(BITS as usize) {
-        let digit = |number: u32| (keys[number as usize] >> shift) as usize & ((1 << BITS) - 1);
-        let mut ends = [0u32; 1 << BITS];
-        order.iter().for_each(|number| ends[digit(*number)] += 1);
+        let digit = |key: u64| (key >> shift) as usize & ((1 << BITS) - 1);
+        let mut next = [0u32; 1 << BITS];
+        items.iter().for_each(|item| next[digit(item.0)] += 1);
         let mut filled = 0;
-        for end in &mut ends {
-            filled += *end;
-            *end = filled;
+        for start in &mut next {
+            filled += std::mem::replace(start, filled);
         }
-        for &number in order.iter().rev() {
-            let place = &mut ends[digit(number)];
-            *place -= 1;
-            sorted[*place as usize] = number;
+        for item in &items {
+            let place = &mut next[digit(item.0)];
+            sorted[*place as usize] = *item;
+            *place += 1;
         }
-        std::mem::swap(&mut order, &mut sorted);
+        std::mem::swap(&mut items, &mut sorted);
     }
-    order
+    items.into_iter().map(|(_, number)| number).collect()
 }
 
 /// The bits of a place: 5 for the size, and for each coordinate as many as tell the triangles of large scans apart.
@@ -204,7 +222,7 @@ mod tests {
         let keys: Vec<u64> = (0..5000).map(mixed).collect();
         let mut expected: Vec<u32> = (0..5000).collect();
         expected.sort_by_key(|number| keys[*number as usize]);
-        assert_eq!(in_order(&keys), expected);
+        assert_eq!(in_order(keys.into_iter().zip(0..).collect()), expected);
     }
 
     #[test]

@@ -6,12 +6,23 @@ use glam::Vec3;
 
 pub(super) const WIDTH: usize = 8;
 
+/// Normals with a smaller cosine between them are not those of one plane. Within the tolerance of rays two
+/// planes at a degree stay together for a few thousandths of a percent of the scene only.
+pub(super) const PARALLEL: f32 = 0.9998;
+
 /// Something flat in a box.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Flat {
     pub bounds: Bounds,
     /// Of length 1, or 0 for what is parallel to nothing.
     pub normal: Vec3,
+}
+
+impl Flat {
+    /// Whether this may overlap another one: their boxes touch and they are parallel, be it that one is turned round.
+    pub(super) fn fits(&self, other: &Flat) -> bool {
+        self.bounds.touches(&other.bounds) && self.normal.dot(other.normal).abs() > PARALLEL
+    }
 }
 
 /// Up to eight vectors as `[axis][lane]`.

@@ -192,22 +192,97 @@ fn adversarial(turn: DQuat) -> Vec<Triangle> {
     sheets.concat().iter().map(|triangle| Triangle { p: triangle.p.map(turned) }).collect()
 }
 
+/// Triangles around a point, from `apex` to a circle about it that lies `below` it.
+fn fan(count: usize, apex: DVec3, below: f64, turn: DQuat) -> Vec<Triangle> {
+    let at = |k: usize| {
+        let angle = std::f64::consts::TAU * (k % count) as f64 / count as f64;
+        (turn * (apex + DVec3::new(angle.cos(), -below, angle.sin()))).as_vec3()
+    };
+    (0..count).map(|k| Triangle::new((turn * apex).as_vec3(), at(k + 1), at(k))).collect()
+}
+
+/// Slivers side by side along a diagonal, their ends shifted at random.
+fn slivers(count: usize, turn: DQuat) -> Vec<Triangle> {
+    let stream = Stream::new(9, Purpose::Pair, 0, PointSet::Random);
+    let sliver = |k: usize| {
+        let [shift, ..] = stream.point(k as u32);
+        let at = |along: f64, k: f64| {
+            let (along, across) = (along + shift as f64, k / count as f64);
+            (turn * DVec3::new(along + across, 0.2, along - across)).as_vec3()
+        };
+        let k = k as f64;
+        Triangle::new(at(0.0, k), at(1.0, k + 0.5), at(0.0, k + 1.0))
+    };
+    (0..count).map(sliver).collect()
+}
+
+fn decal(turn: DQuat) -> [Triangle; 2] {
+    sheet(turn * DVec3::new(0.2, 0.2, 0.1), turn * DVec3::Z * 0.11, turn * DVec3::X * 0.13)
+}
+
 #[test]
-fn the_search_finds_the_pairs_that_the_rule_names() {
-    let meshes = [scattered(1), scattered(2), adversarial(DQuat::IDENTITY), adversarial(askew())];
+fn both_searches_find_the_pairs_that_the_rule_names() {
+    let mut meshes =
+        vec![scattered(1), scattered(2), adversarial(DQuat::IDENTITY), adversarial(askew())];
+    for turn in [DQuat::IDENTITY, askew()] {
+        let apex = DVec3::Y * 0.2;
+        meshes.push([fan(700, apex, 0.0, turn), decal(turn).to_vec()].concat());
+        let mut backs = fan(600, apex, 0.5, turn);
+        backs.iter_mut().for_each(|triangle| triangle.p.swap(0, 1));
+        meshes.push([fan(600, apex, 0.5, turn), backs].concat());
+        meshes.push([slivers(500, turn), decal(turn).to_vec()].concat());
+    }
     for (mesh, triangles) in meshes.into_iter().enumerate() {
         let triangles: Vec<Triangle> = triangles.into_iter().filter(|t| t.area() > 0.0).collect();
-        let overlaps = Overlaps::find(&triangles, &vec![MaterialId(0); triangles.len()]);
-        let mut count = 0;
-        for a in 0..triangles.len() {
-            let others = (0..triangles.len()).filter(|&b| b != a).filter(|&b| {
-                let (low, high) = (&triangles[a.min(b)], &triangles[a.max(b)]);
-                overlap_by_the_rule(low, high)
-            });
-            let others: Vec<TriangleId> = others.map(|b| TriangleId(b as u32)).collect();
-            assert_eq!(overlaps.with(TriangleId(a as u32)), others, "mesh {mesh}, triangle {a}");
-            count += others.len();
-        }
-        assert!((1000..500_000).contains(&count), "mesh {mesh}: {count}");
+        let count = triangles.len() as u32;
+        let triangle = |number: u32| &triangles[number as usize];
+        let all = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+        let overlaps = |pair: &(u32, u32)| overlap_by_the_rule(triangle(pair.0), triangle(pair.1));
+        let expected: Vec<(u32, u32)> = all.filter(overlaps).collect();
+        assert!((20..500_000).contains(&expected.len()), "mesh {mesh}: {}", expected.len());
+        let flat = |number: u32| flat_of(triangle(number));
+        let overlap = |a: u32, b: u32| overlap(triangle(a), triangle(b));
+        let no_limit = [u64::MAX; 2];
+        let by_boxes = near::pairs(triangles.len(), flat, overlap, no_limit).unwrap();
+        assert!(by_boxes == expected, "mesh {mesh}: {} of {}", by_boxes.len(), expected.len());
+        let divided = divided::pairs(&triangles, flat, overlap, no_limit).unwrap();
+        assert!(divided == expected, "mesh {mesh}: {} of {}", divided.len(), expected.len());
     }
+}
+
+#[test]
+fn what_shares_no_more_than_edges_takes_few_comparisons_whatever_its_boxes_do() {
+    let far = DVec3::new(30.0, 0.0, 20.0);
+    for turn in [DQuat::IDENTITY, askew()] {
+        for triangles in [
+            fan(20_000, DVec3::ZERO, 0.0, turn),
+            fan(20_000, DVec3::ZERO, 0.7, turn),
+            fan(20_000, far, 0.0, turn),
+            slivers(20_000, turn),
+        ] {
+            let overlaps = Overlaps::find(&triangles, &[MaterialId(0); 20_000]);
+            assert!(overlaps.is_empty() && !overlaps.is_given_up);
+            let flat = |number: u32| flat_of(&triangles[number as usize]);
+            let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
+            // Ten thousand per triangle would be each with each.
+            let most = [30 * 20_000, 0];
+            assert_eq!(divided::pairs(&triangles, flat, overlap, most), Some(Vec::new()));
+        }
+    }
+}
+
+#[test]
+fn the_search_is_given_up_where_all_triangles_lie_across_each_other() {
+    let stream = Stream::new(3, Purpose::Pair, 0, PointSet::Random);
+    let corner = |k: u32| {
+        let [x, z, ..] = stream.point(k);
+        Vec3::new(x, 0.0, z)
+    };
+    let triangle = |k: u32| Triangle::new(corner(3 * k), corner(3 * k + 1), corner(3 * k + 2));
+    let triangles: Vec<Triangle> = (0..8000).map(triangle).collect();
+    let overlaps = Overlaps::find(&triangles, &[MaterialId(0); 8000]);
+    assert!(overlaps.is_given_up && overlaps.is_empty());
+    let scene = Scene::new(triangles, vec![MaterialId(0); 8000], vec![Material::fallback()]);
+    let warnings = scene.overlap_warnings();
+    assert!(warnings.len() == 1 && warnings[0].text.starts_with("so many parallel triangles"));
 }
