@@ -47,17 +47,20 @@ impl Triangle {
     }
 
     /// The front's normal with the doubled area as length, in double precision.
+    #[inline]
     pub fn double_area_normal(&self) -> DVec3 {
         let [p0, p1, p2] = self.p;
         let p0 = p0.as_dvec3();
         (p1.as_dvec3() - p0).cross(p2.as_dvec3() - p0)
     }
 
+    #[inline]
     pub fn area(&self) -> f64 {
         0.5 * self.double_area_normal().length()
     }
 
     /// The front's unit normal. Zero for a triangle without area.
+    #[inline]
     pub fn normal(&self) -> Vec3 {
         self.double_area_normal().normalize_or_zero().as_vec3()
     }
@@ -80,6 +83,7 @@ impl Triangle {
         Triangle { p: p.map(|p| p.lerp(incenter, share).as_vec3()) }
     }
 
+    #[inline]
     pub fn longest_edge(&self) -> f64 {
         let [p0, p1, p2] = self.p.map(|p| p.as_dvec3());
         // The root of the largest square is the largest root, to the last bit.
@@ -87,8 +91,10 @@ impl Triangle {
         square.max(p2.distance_squared(p0)).sqrt()
     }
 
+    #[inline]
     pub fn bounds(&self) -> Bounds {
-        self.p.iter().copied().collect()
+        let [p0, p1, p2] = self.p;
+        Bounds { min: p0.min(p1).min(p2), max: p0.max(p1).max(p2) }
     }
 
     /// How far above the surface a ray must start so that it cannot hit the triangle it leaves.
@@ -97,6 +103,7 @@ impl Triangle {
     /// most 15 εM (edges up to 2M, five roundings), so the point lies within √3·15 εM < 26 εM of
     /// the plane; adding the offset rounds by 2 εM more and a kernel's own subtraction of p₀ by
     /// 4 εM. 64 εM covers the sum twice. It scales with the scene: no absolute epsilon.
+    #[inline]
     pub fn ray_offset(&self) -> f32 {
         let largest = self.p.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
         largest * (64.0 * f32::EPSILON / 2.0)

@@ -27,6 +27,8 @@ pub struct Topology {
     pub vertex_count: usize,
     /// Sorted by edge; see [`Topology::edges`]. Found when first asked for.
     known_half_edges: OnceLock<Vec<HalfNumber>>,
+    /// See [`Topology::copies`]. Found when first asked for.
+    known_copies: OnceLock<Vec<Vec<TriangleId>>>,
 }
 
 /// A half-edge as a number, 3 · triangle + start: there are three per triangle, so their size counts.
@@ -71,7 +73,8 @@ impl Topology {
 
     fn of(corners: Vec<[VertexId; 3]>, vertex_count: usize) -> Topology {
         assert!(corners.len() <= (HalfNumber::MAX / 3) as usize, "half-edges have 32-bit numbers");
-        Topology { corners, vertex_count, known_half_edges: OnceLock::new() }
+        let (known_half_edges, known_copies) = (OnceLock::new(), OnceLock::new());
+        Topology { corners, vertex_count, known_half_edges, known_copies }
     }
 
     /// The topology without the triangles that are not `kept`, each of which has the vertices of a kept one
@@ -125,7 +128,11 @@ impl Topology {
     }
 
     /// Lists of two or more triangles with the same three vertices, in the triangles' order.
-    pub(super) fn copies(&self) -> Vec<Vec<TriangleId>> {
+    pub(super) fn copies(&self) -> &[Vec<TriangleId>] {
+        self.known_copies.get_or_init(|| self.find_copies())
+    }
+
+    fn find_copies(&self) -> Vec<Vec<TriangleId>> {
         let sorted = |triangle: u32| {
             let mut corners = self.corners[triangle as usize];
             corners.sort_unstable();
