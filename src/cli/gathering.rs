@@ -122,11 +122,11 @@ pub(super) fn fingerprint(
         Some(Background::Transparent) => (true, None),
         Some(Background::Radiance(radiance)) => (true, Some(radiance)),
     };
-    let Frame { width, height, samples, seed, error, deadline, .. } = *frame;
+    let Frame { width, height, samples, in_one_round, seed, error, deadline, .. } = *frame;
     let all = (
         env!("CARGO_PKG_VERSION"),
         (solution.fingerprints(), solution.irradiance(), solution.uncovered()),
-        (camera, width, height, samples, seed),
+        (camera, width, height, samples, in_one_round, seed),
         (error, deadline.is_some(), background, kernel == KernelKind::Plane),
     );
     crc32fast::hash(&postcard::to_stdvec(&all).expect("numbers, strings and lists"))

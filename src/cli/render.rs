@@ -67,7 +67,7 @@ impl Run<'_> {
         let inputs = Inputs::new(&[&arguments.scene]);
         check_overwriting(arguments, &self.pictures, &inputs)?;
         let solution = Solution::load(&arguments.scene)?;
-        let frame = self.frame(&solution.image, solution.choices.seed)?;
+        let frame = self.frame(&solution.image, solution.scene(), solution.choices.seed)?;
         let load = self.start.elapsed();
         let tracer = self.tracer(solution.scene(), frame.rays());
         let mut seconds = Seconds { load: load.as_secs_f64(), ..Seconds::default() };
@@ -90,7 +90,7 @@ impl Run<'_> {
         inputs.extend(&scene.files);
         check_overwriting(arguments, &self.pictures, &inputs)?;
         warn(&scene.warnings);
-        let frame = self.frame(&document.image, Settings::SEED)?;
+        let frame = self.frame(&document.image, &scene, Settings::SEED)?;
         let load = self.start.elapsed();
         let settings = arguments.light.settings(arguments.run.seed);
         let plan = Plan::new(&document, &scene, &settings)?;
@@ -101,19 +101,26 @@ impl Run<'_> {
         self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
     }
 
-    /// `seed` counts unless another is given.
-    fn frame(&self, image: &ImageDefaults, seed: u64) -> Result<Frame> {
+    /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, unless some are
+    /// given.
+    fn frame(&self, image: &ImageDefaults, scene: &Scene, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
         let is_gathered = self.arguments.shading.contains(&ShadingName::Gather);
         let bytes = DRAWN * self.pictures.len() as u64 + if is_gathered { GATHERED } else { 0 };
-        frame(*size, *spp, run.seed.unwrap_or(seed), image, bytes)
-            .map(|frame| Frame {
-                background: *background,
-                error: self.arguments.error,
-                deadline: self.arguments.time.map(|time| self.start + time),
-                ..frame
-            })
-            .map_err(|error| error.in_file_if_none(&self.arguments.scene))
+        let mut frame = frame(*size, *spp, run.seed.unwrap_or(seed), image, bytes)
+            .map_err(|error| error.in_file_if_none(&self.arguments.scene))?;
+        if spp.or(image.samples).is_none() {
+            let pixels = frame.width as usize * frame.height as usize;
+            let samples = scene.affordable(pixels, frame.samples);
+            frame.in_one_round = samples < frame.samples;
+            frame.samples = samples;
+        }
+        Ok(Frame {
+            background: *background,
+            error: self.arguments.error,
+            deadline: self.arguments.time.map(|time| self.start + time),
+            ..frame
+        })
     }
 
     /// A hierarchy that is built as thoroughly as this many rays are worth.

@@ -16,6 +16,7 @@ const FRAME: Frame = Frame {
     width: 24,
     height: 16,
     samples: 4,
+    in_one_round: false,
     seed: 5,
     error: None,
     deadline: None,

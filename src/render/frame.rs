@@ -19,6 +19,8 @@ pub struct Frame {
     pub height: u32,
     /// Samples per pixel.
     pub samples: u32,
+    /// Gathered pictures: no more samples than these where nothing is asked for, whatever the error.
+    pub in_one_round: bool,
     pub seed: u64,
     /// Gathered pictures: the relative standard error at which a pixel is good enough. `None`: a quick picture.
     pub error: Option<f32>,
@@ -41,6 +43,7 @@ impl Frame {
             width,
             height,
             samples: Frame::SAMPLES,
+            in_one_round: false,
             seed: Settings::SEED,
             error: None,
             deadline: None,

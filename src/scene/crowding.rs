@@ -51,13 +51,13 @@ impl Scene {
         usual.min(rays as u32).max(1)
     }
 
-    /// Says that little is spent on the light of a crowded scene.
+    /// Says that little is spent on the light of a crowded scene and on its pictures.
     pub(super) fn crowding_warning(&self) -> Option<Warning> {
         (self.crowding() > CROWDED).then(|| {
             Warning::new(
                 "a line through the scene meets the boxes of a thousand triangles or more in the mean (see-through ones \
-                 count as ten), which makes rays slow: its light is solved with few samples and large patches, unless others are asked for (--samples, --direct, \
-                 --levels)",
+                 count as ten), which makes rays slow: its light is solved with few samples and large patches, and \
+                 pixels have few samples, unless others are asked for (--samples, --direct, --levels, --spp)",
             )
         })
     }

@@ -27,11 +27,11 @@ fn model(triangles: impl Iterator<Item = [Corner; 3]>, opacity: f64) -> TempDir 
     folder
 }
 
-/// Draws a small picture and returns the messages. The system kills a run that takes more than `seconds` of
+/// Draws a picture of this size and returns the messages. The system kills a run that takes more than `seconds` of
 /// processor time.
-fn drawn(folder: &Path, more: &str, seconds: u32) -> String {
+fn drawn(folder: &Path, size: &str, seconds: u32) -> String {
     let command = format!(
-        "ulimit -c 0; ulimit -t {seconds}; exec {} render s.obj -o o.png --size 8x8 {more}",
+        "ulimit -c 0; ulimit -t {seconds}; exec {} render s.obj -o o.png --size {size}",
         cargo_bin("isolux").display()
     );
     let mut shell = std::process::Command::new("sh");
@@ -55,7 +55,7 @@ fn nearly_equal_triangles_take_seconds() {
     let mut x = numbers();
     let mut corner = |[a, b]: [f64; 2]| [a + 1e-6 * x(), b + 1e-6 * x(), 1e-6 * x()];
     let triangles = (0..30_000).map(|_| [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(&mut corner));
-    let text = drawn(model(triangles, 1.0).path(), "", 60);
+    let text = drawn(model(triangles, 1.0).path(), "8x8", 60);
     assert!(text.contains("a thousand triangles or more in the mean"), "{text}");
 }
 
@@ -64,7 +64,11 @@ fn triangles_that_pass_through_each_other_take_seconds() {
     let mut x = numbers();
     let triangles =
         (0..30_000).map(|_| [[0.0, 0.0, 1e-3 * x().abs()], [x(), x(), 0.0], [x(), x(), 1e-3]]);
-    drawn(model(triangles, 1.0).path(), "", 60);
+    let folder = model(triangles, 1.0);
+    drawn(folder.path(), "8x8", 60);
+    // At 16 samples per pixel and more this takes a minute.
+    let text = drawn(folder.path(), "128x128", 40);
+    assert!(text.contains("pixels have few samples"), "{text}");
 }
 
 #[test]
@@ -73,5 +77,5 @@ fn a_stack_that_lets_nearly_all_light_through_takes_seconds() {
         let z = 1e-4 * k as f64;
         [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]]
     });
-    drawn(model(triangles, 1e-6).path(), "", 60);
+    drawn(model(triangles, 1e-6).path(), "8x8", 60);
 }

@@ -220,6 +220,7 @@ impl Rounds {
 
 fn most_rounds(frame: &Frame) -> u32 {
     match (frame.error, frame.deadline) {
+        (None, None) if frame.in_one_round => 1,
         (None, None) => QUICK_ROUNDS,
         (Some(_), None) => MOST_ROUNDS,
         (_, Some(_)) => MOST_TIMED_ROUNDS,
