@@ -155,6 +155,6 @@ impl<F: Fn(u32) -> Flat + Sync, W: Fn(u32, u32) -> bool + Sync> Search<'_, F, W>
 /// Some of many pieces, in an order that has no rhythm and leaves nothing out: that of the golden ratio.
 fn some_of(pieces: &[Piece]) -> Vec<&Piece> {
     const GOLDEN: u64 = 0x9e37_79b9;
-    let place = |k: u64| (k * GOLDEN % (1 << 32) * pieces.len() as u64 >> 32) as usize;
+    let place = |k: u64| ((k * GOLDEN % (1 << 32) * pieces.len() as u64) >> 32) as usize;
     (0..JUDGES as u64).map(|k| &pieces[place(k)]).collect()
 }
