@@ -16,7 +16,7 @@ use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::camera::is_view_name;
 use crate::scene::document::ImageDefaults;
-use crate::scene::{Camera, Document, Scene, Texture};
+use crate::scene::{Camera, Document, Scene, Texture, is_radiance};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -255,6 +255,7 @@ impl Solution {
         let means_something = self.light.is_possible()
             && scene.textures.iter().all(Texture::is_possible)
             && scene.materials.iter().all(|m| m.is_possible(scene.textures.len()))
+            && [scene.sky, scene.background].into_iter().all(is_radiance)
             && scene.mesh.colors.iter().flat_map(|c| &c.values).all(is_share)
             && (1e-30..=1e30).contains(&scene.metres_per_unit)
             && std::iter::once(&self.camera).chain(self.views.values()).all(Camera::is_possible)
@@ -435,11 +436,19 @@ mod tests {
         };
         refused(scene(|s| s.material_of = [MaterialId(9)].into()), itself);
         refused(scene(|s| s.metres_per_unit = f64::NAN), itself);
+        refused(scene(|s| s.sky = Rgb::new(1.0, 1.0, f32::NAN)), itself);
+        refused(scene(|s| s.background = -Rgb::ONE), itself);
         refused(
             scene(|s| s.triangles = [Triangle::new(Vec3::ZERO, Vec3::X, Vec3::X)].into()),
             itself,
         );
         let too_bright = Material { reflectance: Vec3::splat(f32::NAN), ..Material::fallback() };
+        let materials = [too_bright].into();
+        refused(
+            Solution { scene: Scene { materials, ..good.scene.clone() }, ..good.clone() },
+            itself,
+        );
+        let too_bright = Material { radiance: Vec3::splat(3e38), ..Material::fallback() };
         let materials = [too_bright].into();
         refused(
             Solution { scene: Scene { materials, ..good.scene.clone() }, ..good.clone() },

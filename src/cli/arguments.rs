@@ -7,7 +7,7 @@ use crate::render::{Background, Frame};
 use crate::scene::Camera;
 use crate::scene::Document;
 use crate::scene::camera::is_view_name;
-use crate::scene::document::is_radiance;
+use crate::scene::is_radiance;
 use crate::settings::{LightSettings, MAX_SAMPLES, PatchSettings, Settings};
 use crate::view::View;
 use clap::ValueEnum;

@@ -2,9 +2,10 @@
 
 use super::camera::is_view_name;
 use super::formats::is_model;
+use super::material::is_radiance;
 use super::overrides::{MaterialOverride, change_matching};
 use super::read::refusal;
-use super::text::{Format, LARGEST, decode, read_text_bytes, unread};
+use super::text::{Format, decode, read_text_bytes, unread};
 use super::{Camera, Material, Scene};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -162,11 +163,6 @@ impl CameraTable {
         let [position, look_at] = [self.position, self.look_at].map(DVec3::from);
         Camera::new(position, look_at, Vec3::from(self.up), self.vertical_fov, self.near)
     }
-}
-
-/// Whether a colour can be a radiance: more than 1e12 is none, as of `Ke`.
-pub(crate) fn is_radiance(rgb: Rgb) -> bool {
-    rgb.to_array().iter().all(|x| (0.0..=LARGEST).contains(x))
 }
 
 fn view((name, table): (String, CameraTable)) -> Result<(String, Camera)> {

@@ -1,8 +1,14 @@
 //! Diffuse materials.
 
+use super::text::LARGEST;
 use super::texture::Map;
 use crate::color::Rgb;
 use serde::{Deserialize, Serialize};
+
+/// Whether a colour can be a radiance: more than 1e12 is none, as of `Ke`.
+pub(crate) fn is_radiance(rgb: Rgb) -> bool {
+    rgb.to_array().iter().all(|x| (0.0..=LARGEST).contains(x))
+}
 
 /// Index into [`Scene::materials`](super::Scene::materials).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -49,15 +55,14 @@ impl Material {
         }
     }
 
-    /// Whether reflectance and opacities lie in [0, 1], the radiance in [0, ∞), and the maps name some of that
+    /// Whether reflectance and opacities lie in [0, 1], the radiance in [0, 1e12], and the maps name some of that
     /// many textures.
     pub(crate) fn is_possible(&self, textures: usize) -> bool {
         let is_share = |x: &f32| (0.0..=1.0).contains(x);
         let maps = [&self.reflectance_map, &self.radiance_map, &self.opacity_map];
         let fits = |map: &Map| (map.texture.0 as usize) < textures && map.transform.is_finite();
         self.reflectance.to_array().iter().all(is_share)
-            && self.radiance.is_finite()
-            && self.radiance.cmpge(Rgb::ZERO).all()
+            && is_radiance(self.radiance)
             && is_share(&self.opacity)
             && self.opacity_cutoff.as_ref().is_none_or(is_share)
             && maps.into_iter().flatten().all(fits)

@@ -39,6 +39,7 @@ use crate::geometry::{Triangle, TriangleId};
 pub use camera::Camera;
 pub use document::Document;
 use glam::{DVec3, Vec3};
+pub(crate) use material::is_radiance;
 pub use material::{Material, MaterialId};
 pub use mesh::Mesh;
 use model::Model;

@@ -1,7 +1,8 @@
 //! Changes to materials by name: the `[materials.NAME]` tables of a description, and `--emit`.
 
 use super::material::Material;
-use super::text::{LARGEST, quote};
+use super::material::is_radiance;
+use super::text::quote;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use serde::Deserialize;
@@ -26,7 +27,7 @@ impl MaterialOverride {
         if self.reflectance.is_some_and(|r| !r.iter().all(|x| (0.0..=1.0).contains(x))) {
             return bad("reflectance", "[0, 1]");
         }
-        if self.radiance.is_some_and(|r| !r.iter().all(|x| (0.0..=LARGEST).contains(x))) {
+        if self.radiance.is_some_and(|radiance| !is_radiance(radiance.into())) {
             return bad("radiance", "[0, 1e12]");
         }
         Ok(())
