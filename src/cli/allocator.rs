@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 static WAS_REFUSED: AtomicBool = AtomicBool::new(false);
 
-/// Whether the system has refused memory so far. If the program aborts then, this is why: Rust tells by nothing else.
+/// Whether the system has refused memory so far. If the program aborts then, this is most likely why: Rust reports it
+/// in no other way.
+#[cfg(any(unix, test))]
 pub(super) fn was_refused() -> bool {
     WAS_REFUSED.load(Relaxed)
 }

@@ -50,7 +50,7 @@ impl Gathering<'_> {
         bars: &Bars,
     ) -> Result<(Image, Option<Partial>)> {
         let mut partial = Partial::of(self.output);
-        if self.resume && partial.path().exists() {
+        if self.resume && partial.is_begun()? {
             self.take_up(&mut drawing, partial.path())?;
         }
         let after = |since: Instant| self.preview.map(|every| since + every);

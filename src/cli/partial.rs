@@ -45,13 +45,28 @@ impl Partial {
         Ok(())
     }
 
+    /// Whether there is something to go on with.
+    ///
+    /// # Errors
+    /// A link: where it leads may lie what somebody wants to keep, and in the end this file is removed.
+    pub(super) fn is_begun(&self) -> Result<bool> {
+        if self.path.exists() && self.path.is_symlink() {
+            return Err(Error::new(
+                "this is a link, and what a run goes on with it removes in the end",
+            )
+            .in_file(&self.path)
+            .remedy("put a copy of the file in its place"));
+        }
+        Ok(self.path.exists())
+    }
+
     /// `None` if nothing was kept.
     ///
     /// # Errors
-    /// See [`Part::load`].
+    /// See [`Part::load`] and [`is_begun`](Self::is_begun).
     pub(super) fn load(&self) -> Result<Option<Part>> {
         let load = || Part::load(&self.path).map_err(|error| error.remedy(ANEW));
-        self.path.exists().then(load).transpose()
+        self.is_begun()?.then(load).transpose()
     }
 
     /// Keeps what is done. Where that fails, for example since the disk is full, the run goes on without: a warning

@@ -53,19 +53,22 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
     let start = Instant::now();
     let outputs: Vec<&Path> =
         std::iter::once(arguments.output.as_path()).chain(arguments.run.stats.as_deref()).collect();
+    let mut partial = Partial::of(&arguments.output);
+    let kept = partial.path().to_path_buf();
+    let all_outputs = [&outputs[..], &[&kept]].concat();
     match arguments.part {
         Some(_) => check_ending(&arguments.output, "part", "a part of solved light")?,
         None => check_light(&arguments.output)?,
     }
-    Inputs::default().check_distinct(&outputs)?;
+    Inputs::default().check_distinct(&all_outputs)?;
     outputs.iter().try_for_each(|path| check_writable(path))?;
     let mut document = Document::open(&arguments.scene)?;
     arguments.scenery.apply(&mut document);
     let mut inputs = Inputs::new(&document.inputs());
-    inputs.check_distinct(&outputs)?;
+    inputs.check_distinct(&all_outputs)?;
     let scene = document.scene()?;
     inputs.extend(&scene.files);
-    inputs.check_distinct(&outputs)?;
+    inputs.check_distinct(&all_outputs)?;
     warn(&scene.warnings);
     let load = start.elapsed();
 
@@ -86,8 +89,6 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
         finish(arguments, &solution, seconds, spent.rays, (start, &inputs))?;
         return Ok(ExitCode::SUCCESS);
     }
-    let mut partial = Partial::of(&arguments.output);
-    inputs.check_distinct(&[partial.path()])?;
     if !arguments.resume {
         partial.check_absent()?;
     }
@@ -109,7 +110,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
         solved => solved?,
     };
     if signals::was_asked() {
-        // In the last moment: what remains to be done may still take long.
+        // At the last moment: what remains to be done may still take long.
         partial.keep(part.to_bytes(), &inputs);
         return Ok(interrupted(&partial));
     }

@@ -35,12 +35,12 @@ impl Destination {
                 return Ok(Destination::Descriptor(number));
             }
             let file = folder.join(name);
-            if fs::metadata(&file).is_ok_and(|file| is_socket(&file)) {
-                return Err(Error::new("this is a socket, which is no place for a file")
-                    .in_file(path)
-                    .remedy("give the name of a file or of a pipe"));
-            }
             let Ok(target) = fs::read_link(&file) else {
+                if fs::metadata(&file).is_ok_and(|file| is_socket(&file)) {
+                    return Err(Error::new("this is a socket, which is no place for a file")
+                        .in_file(path)
+                        .remedy("give the name of a file or of a pipe"));
+                }
                 return Ok(if is_stream(&file) {
                     Destination::Stream
                 } else {
@@ -95,7 +95,8 @@ impl Destination {
 fn own_descriptor(folder: &Path, name: &OsStr) -> Option<u32> {
     let own = || fs::canonicalize("/proc/self").is_ok_and(|own| folder.starts_with(own));
     let is_own = folder.ends_with("fd") && (folder == Path::new("/dev/fd") || own());
-    name.to_str().filter(|_| is_own)?.parse().ok()
+    let number: u32 = name.to_str().filter(|_| is_own)?.parse().ok()?;
+    (name == number.to_string().as_str()).then_some(number)
 }
 
 /// A copy of a descriptor that whoever started the program has opened for writing. It has the same position.
@@ -128,6 +129,18 @@ fn given(number: u32) -> io::Result<File> {
 /// Whether it takes bytes as they come: a device, a pipe.
 pub(super) fn is_stream(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir())
+}
+
+/// Whether it takes any number of outputs, one after the other: a terminal, /dev/null.
+#[cfg(unix)]
+pub(super) fn is_character_device(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    fs::metadata(path).is_ok_and(|file| file.file_type().is_char_device())
+}
+
+#[cfg(not(unix))]
+pub(super) fn is_character_device(path: &Path) -> bool {
+    is_stream(path)
 }
 
 #[cfg(unix)]

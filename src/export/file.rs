@@ -1,7 +1,7 @@
 //! Output files that appear whole or not at all.
 
-use super::destination::{Destination, folder_of, is_stream};
-use super::staging::{NAMES, Named, Staged, remove_leftovers, stage};
+use super::destination::{Destination, folder_of, is_character_device};
+use super::staging::{NAMES, Named, Staged, failed, remove_leftovers, stage};
 use crate::error::{Error, ErrorKind, Result};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -38,7 +38,7 @@ pub(crate) fn check_writable(path: &Path) -> Result<()> {
     stage(path, target, &[])?.named().map(drop)
 }
 
-/// Whether an output replaces a file, rather than that it is added to what is open or takes bytes as they come.
+/// Whether an output replaces a file. Others are added to what is open, or streamed.
 pub(crate) fn is_replaced(path: &Path) -> bool {
     matches!(Destination::of(path), Ok(Destination::File(_)))
 }
@@ -86,7 +86,8 @@ impl Inputs {
     /// With the path and the remedy.
     pub(crate) fn check_distinct(&self, outputs: &[&Path]) -> Result<()> {
         let places: Vec<Place> = outputs.iter().map(|path| Place::of(path)).collect();
-        for (i, output) in outputs.iter().enumerate().filter(|(_, path)| !is_stream(path)) {
+        for (i, output) in outputs.iter().enumerate().filter(|(_, path)| !is_character_device(path))
+        {
             if let Some(other) = (0..i).find(|&other| places[other].is(&places[i])) {
                 let other = outputs[other].display();
                 let cause = format!("this output would overwrite another one, {other}");
@@ -149,9 +150,9 @@ fn identity(_: &Path) -> Option<Identity> {
     None
 }
 
-/// Writes every output to a file without a name in its folder, then those to devices, pipes and descriptors. Only when all
-/// are on the disk do they get names: first temporary ones, then their own. If anything fails before the last
-/// step, no existing file has changed.
+/// Writes the outputs that replace files to files without names in their folders, then the others to devices, pipes and
+/// descriptors, whose readers may have had enough. Only when all are on the disk do the files get names: first
+/// temporary ones, then their own. If anything fails before the last step, no existing file has changed.
 ///
 /// # Errors
 /// Whatever the system says: a full disk, a missing permission. If the last step fails for one of several
@@ -165,7 +166,10 @@ pub(crate) fn write_all(outputs: Vec<Output>, inputs: &Inputs) -> Result<()> {
         }
     }
     for (Output { path, bytes }, other) in others {
-        other.write(path, bytes).map_err(|e| Error::io(path, "write the file", &e))?;
+        match other.write(path, bytes) {
+            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {}
+            written => written.map_err(failed(path))?,
+        }
     }
     rename_all(staged.into_iter().map(Staged::named).collect::<Result<_>>()?, inputs)
 }
@@ -340,6 +344,6 @@ mod tests {
         assert_eq!(std::fs::read(&target).unwrap(), b"new");
         assert!(link.is_symlink());
         write_all(vec![output(Path::new("/dev/null"), b"new")]).unwrap();
-        assert!(is_stream(Path::new("/dev/null")));
+        assert!(is_character_device(Path::new("/dev/null")));
     }
 }

@@ -65,7 +65,7 @@ pub(super) struct Named {
     _file: File,
 }
 
-fn failed(path: &Path) -> impl Fn(std::io::Error) -> Error {
+pub(super) fn failed(path: &Path) -> impl Fn(std::io::Error) -> Error {
     |e| {
         let remedy = match e.kind() {
             ErrorKind::FileTooLarge => "raise the limit of what a file may take (`ulimit -f`)",
@@ -136,9 +136,10 @@ impl Staged {
 }
 
 const PREFIX: &str = ".isolux-";
-const SUFFIX: &str = ".part";
-/// So many letters and digits stand between them.
-const RANDOM: usize = 6;
+/// No output of this program ends so.
+const SUFFIX: &str = ".tmp";
+/// This many random letters and digits stand between them.
+const RANDOM: usize = 12;
 
 /// Makes temporary names.
 fn part() -> tempfile::Builder<'static, 'static> {
@@ -215,13 +216,14 @@ mod tests {
     fn the_next_run_removes_what_a_killed_one_left_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        let [left, held] = [".isolux-aB0123.part", ".isolux-bbbbbb.part"].map(at);
+        let [left, held] = [".isolux-aB0123456789.tmp", ".isolux-bbbbbbbbbbbb.tmp"].map(at);
         let foreign = [
-            "a.part",
-            ".isolux-room.part",
-            ".isolux-my_one.part",
-            ".isolux-part",
-            ".isolux-abcdefg.part",
+            "a.tmp",
+            ".isolux-room.tmp",
+            ".isolux-my_one_room1.tmp",
+            ".isolux-tmp",
+            ".isolux-aB0123456789.part",
+            ".isolux-abcdefghijklm.tmp",
         ]
         .map(at);
         [&left, &held]

@@ -55,9 +55,9 @@ impl Scene {
     pub(super) fn crowding_warning(&self) -> Option<Warning> {
         (self.crowding() > CROWDED).then(|| {
             Warning::new(
-                "a line through the scene meets the boxes of a thousand triangles or more in the mean (see-through ones \
-                 count as ten), which makes rays slow: its light is solved with few samples and large patches, and \
-                 pixels have few samples, unless others are asked for (--samples, --direct, --levels, --spp)",
+                "a line through the scene meets the boxes of a thousand triangles or more on average (see-through \
+                 ones count as ten), which makes rays slow: its light is solved with few samples and large patches, \
+                 and pixels have few samples, unless others are asked for (--samples, --direct, --levels, --spp)",
             )
         })
     }

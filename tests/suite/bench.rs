@@ -83,3 +83,19 @@ fn no_answer_is_wrong_with_any_instruction_set() {
         assert!(output.status.success() || lacking, "{name}: {said}");
     }
 }
+
+#[cfg(feature = "embree")]
+#[test]
+fn both_sides_race_with_the_instruction_set_that_is_asked_for_and_say_so() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("rates.json");
+    let json = file.to_str().expect("UTF-8");
+    let few = ["--rays", "1000", "--rounds", "1", "--threads", "1", "--json", json];
+    isolux(&[&["bench", "cornell", "--embree-isa", "sse2"][..], &few].concat())
+        .env("ISOLUX_SIMD", "portable")
+        .assert()
+        .success();
+    let report: Value = serde_json::from_slice(&read(&file)).expect("JSON");
+    assert_eq!(report["native"], "portable");
+    assert!(report["oracle"].as_str().expect("a name").contains("(SSE2)"), "{report:#}");
+}

@@ -183,7 +183,7 @@ fn kills_while_a_file_is_written_leave_the_old_one_or_the_new() {
 fn a_run_after_a_killed_one_removes_what_that_has_left() {
     let folder = folder();
     // What a kill leaves between the moment that a file gets a temporary name and that of its own.
-    fs::write(folder.path().join(".isolux-abc123.part"), "half").expect("a file");
+    fs::write(folder.path().join(".isolux-abc123abc123.tmp"), "half").expect("a file");
     let (status, said) = end(program(folder.path(), &PICTURE));
     assert!(status.success(), "{said}");
     assert_eq!(names(folder.path()), ["o.exr", "s.mtl", "s.obj"]);

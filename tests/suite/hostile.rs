@@ -214,12 +214,15 @@ fn an_interrupted_picture_shows_what_there_is() {
     let mut command = std::process::Command::new(program);
     let pipe = std::process::Stdio::piped;
     let command = command.current_dir(folder.path()).args(arguments).stdout(pipe()).stderr(pipe());
-    let child = command.spawn().expect("it runs");
+    let mut child = command.spawn().expect("it runs");
     // A preview shows that each pixel has samples.
     let [shown, kept] = ["a.png", "a.png.partial"].map(|name| folder.path().join(name));
     let began = std::time::Instant::now();
     while !shown.exists() {
-        assert!(began.elapsed().as_secs() < 120, "no preview");
+        if began.elapsed().as_secs() >= 120 {
+            let _ = child.kill();
+            panic!("no preview");
+        }
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
     // A script that goes on beside the tests lets them ignore Ctrl-C, and the program then does so too.

@@ -71,14 +71,15 @@ fn a_pipe_and_a_named_pipe_get_the_bytes_and_stay() {
     let folder = folder();
     let run = shell(folder.path(), "$render -o a.png --stats /dev/stdout | cat");
     assert!(has_figures(&text(&run.stdout)), "{}", text(&run.stderr));
-    let script = "mkfifo b.png && cat b.png >copy & while ! [ -p b.png ]; do :; done; $render -o b.png; wait";
+    let script = "mkfifo b.png && { timeout 60 cat b.png >copy &
+                  timeout 60 $render -o b.png; code=$?; wait; exit $code; }";
     let run = shell(folder.path(), script);
     assert!(run.status.success(), "{}", text(&run.stderr));
     let picture = fs::read(folder.path().join("copy")).expect("a file");
     assert_eq!(picture, fs::read(folder.path().join("a.png")).expect("a file"));
     let kind = fs::metadata(folder.path().join("b.png")).expect("it is there").file_type();
     assert!(std::os::unix::fs::FileTypeExt::is_fifo(&kind));
-    let run = shell(folder.path(), "$render -o b.png --preview 1s");
+    let run = shell(folder.path(), "timeout 60 $render -o b.png --preview 1s");
     assert!(text(&run.stderr).contains("--preview renews a file"), "{}", text(&run.stderr));
 }
 
@@ -146,4 +147,42 @@ fn a_bench_that_would_overwrite_a_scene_is_refused_before_any_is_measured() {
     let run = shell(folder.path(), &script);
     let said = text(&run.stderr);
     assert!(run.status.code() == Some(2) && said.contains("would overwrite t.obj"), "{said}");
+}
+
+#[test]
+fn two_outputs_into_one_pipe_are_refused_and_a_reader_that_has_gone_costs_no_picture() {
+    let folder = folder();
+    let run = shell(
+        folder.path(),
+        "ln -s /dev/stdout x.png; { $render -o x.png --stats /dev/stdout; echo $? >code; } | cat",
+    );
+    assert!(text(&run.stderr).contains("would overwrite another one"), "{}", text(&run.stderr));
+    assert_eq!(fs::read_to_string(folder.path().join("code")).expect("a file"), "2\n");
+    // The pipe's reader is gone before the program begins.
+    let script = "mkfifo p; exec 3<>p 4>p 3<&-; rm p; $render -o a.png --stats /dev/fd/4";
+    let run = shell(folder.path(), script);
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    assert!(folder.path().join("a.png").is_file());
+}
+
+#[test]
+fn what_a_solve_keeps_is_no_other_output_and_a_link_to_it_costs_nobody_a_file() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let quick = "--solver two-level --levels 1 --samples 8 2>&1";
+    for (script, output) in [
+        ("$isolux solve s.obj -o a.light --stats a.light.partial", "a.light"),
+        ("ln -s b.light b.light.partial; $isolux solve s.obj -o b.light", "b.light"),
+    ] {
+        let run = shell(folder.path(), &format!("{script} {quick}"));
+        assert_eq!(run.status.code(), Some(2), "{}", text(&run.stdout));
+        assert!(text(&run.stdout).contains("would overwrite another one"), "{}", text(&run.stdout));
+        assert!(!at(output).exists());
+    }
+    let script = "$isolux solve s.obj --part 1/1 -o kept.part QUICK && ln -s kept.part c.light.partial && \
+                  $isolux solve s.obj --resume -o c.light QUICK";
+    let run = shell(folder.path(), &script.replace("QUICK", quick));
+    assert_eq!(run.status.code(), Some(2), "{}", text(&run.stdout));
+    assert!(text(&run.stdout).contains("c.light.partial: this is a link"), "{}", text(&run.stdout));
+    assert!(!at("c.light").exists() && at("kept.part").is_file());
 }

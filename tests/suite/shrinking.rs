@@ -8,7 +8,8 @@ use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// A folder with a triangle that shines, in memory where there is such a disk: files are cut there without waiting for a journal.
+/// A folder with a triangle that shines, in memory where there is such a disk: files are cut there without waiting for
+/// a journal.
 fn folder_in_memory() -> TempDir {
     with_triangle(
         tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder"),

@@ -14,7 +14,7 @@ fn at_its_end(folder: &TempDir, arguments: &[&str]) -> Child {
     let made = Command::new("mkfifo").arg(folder.path().join("pipe")).status();
     assert!(made.expect("it runs").success());
     let scene = format!("{}/scenes/cornell-box.toml", env!("CARGO_MANIFEST_DIR"));
-    let child = Command::new("sh")
+    let mut child = Command::new("sh")
         .args(["-c", "ulimit -c 0; exec \"$0\" \"$@\" --stats pipe"])
         .arg(assert_cmd::cargo::cargo_bin("isolux"))
         .args([&[arguments[0], &scene][..], &arguments[1..]].concat())
@@ -26,14 +26,17 @@ fn at_its_end(folder: &TempDir, arguments: &[&str]) -> Child {
     let folder = fs::canonicalize(folder.path()).expect("a folder");
     let began = Instant::now();
     while !has_staged(&child, &folder) {
-        assert!(began.elapsed() < Duration::from_secs(120), "{arguments:?} takes too long");
+        if began.elapsed() > Duration::from_secs(120) {
+            let _ = child.kill();
+            panic!("{arguments:?} takes too long");
+        }
         std::thread::sleep(Duration::from_millis(5));
     }
     child
 }
 
-/// Whether a process has written to a file that is to become an output in `folder`. One that is tried whether it can
-/// be written is empty.
+/// Whether a process has written to a file that is to become an output in `folder`. The file of the
+/// check beforehand is empty.
 fn has_staged(child: &Child, folder: &Path) -> bool {
     let entries = fs::read_dir(format!("/proc/{}/fd", child.id())).into_iter().flatten().flatten();
     let is_staged = |file: &Path| {

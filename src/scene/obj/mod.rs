@@ -32,7 +32,8 @@ use std::path::Path;
 
 /// Loads the OBJ file at `path` and the MTL files it names, which are looked for beside it.
 ///
-/// Fails if the OBJ file is malformed (with the lines), cannot be read or has no faces, or where memory is short. What has a sensible
+/// Fails if the OBJ file is malformed (with the lines), cannot be read or has no faces, or where memory is short.
+/// What has a sensible
 /// default, such as a missing MTL file or a Kd above 1, is a warning of the model instead.
 ///
 /// A scene description overrides the reflectance of the materials whose name `overrides`: nothing is said
