@@ -12,6 +12,27 @@ pub(super) fn was_refused() -> bool {
     WAS_REFUSED.load(Relaxed)
 }
 
+/// Whether the system refuses a little memory now, so that a thread may not have got its stack, say, which no allocator
+/// is asked for. May be called where a signal is handled.
+#[cfg(target_os = "linux")]
+pub(super) fn is_refused() -> bool {
+    use rustix::mm::{MapFlags, ProtFlags, mmap_anonymous, munmap};
+    const LITTLE: usize = 16 << 20;
+    let (access, flags) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::PRIVATE);
+    // SAFETY: Nothing is mapped over, and nobody knows of what is mapped.
+    unsafe {
+        match mmap_anonymous(std::ptr::null_mut(), LITTLE, access, flags) {
+            Ok(memory) => munmap(memory, LITTLE).is_err(),
+            Err(_) => true,
+        }
+    }
+}
+
+#[cfg(all(unix, not(target_os = "linux")))]
+pub(super) fn is_refused() -> bool {
+    false
+}
+
 /// The system's allocator with a note of what it refuses.
 pub struct Allocator;
 
@@ -55,6 +76,7 @@ mod tests {
         let layout = |bytes| Layout::from_size_align(bytes, 8).unwrap();
         // SAFETY: No size is 0, and what is given is given back.
         unsafe {
+            assert!(!is_refused());
             let memory = black_box(Allocator.alloc(layout(64)));
             assert!(!memory.is_null() && !was_refused());
             let larger = black_box(Allocator.realloc(memory, layout(64), 1 << 62));

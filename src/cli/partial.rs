@@ -52,7 +52,7 @@ impl Partial {
     pub(super) fn is_begun(&self) -> Result<bool> {
         if self.path.exists() && self.path.is_symlink() {
             return Err(Error::new(
-                "this is a link, and what a run goes on with it removes in the end",
+                "this is a link, and a run deletes the file that it went on from",
             )
             .in_file(&self.path)
             .remedy("put a copy of the file in its place"));

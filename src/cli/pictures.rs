@@ -60,8 +60,12 @@ pub(super) fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
         .in_file(&picture.path)
         .remedy("leave it out, or name a file"));
     }
-    for partial in partials(&pictures).iter().filter(|_| !arguments.resume) {
-        partial.check_absent()?;
+    for partial in partials(&pictures) {
+        if arguments.resume {
+            partial.is_begun()?;
+        } else {
+            partial.check_absent()?;
+        }
     }
     Ok(pictures)
 }

@@ -68,6 +68,9 @@ impl Run<'_> {
         check_overwriting(arguments, &self.pictures, &inputs)?;
         let solution = Solution::load(&arguments.scene)?;
         let frame = self.frame(&solution.image, solution.scene(), solution.choices.seed)?;
+        if frame.in_one_round {
+            warn(solution.scene().crowding_warning().as_slice());
+        }
         let load = self.start.elapsed();
         let tracer = self.tracer(solution.scene(), frame.rays());
         let mut seconds = Seconds { load: load.as_secs_f64(), ..Seconds::default() };
@@ -101,15 +104,15 @@ impl Run<'_> {
         self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
     }
 
-    /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, unless some are
-    /// given.
+    /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, unless some or an error
+    /// are asked for.
     fn frame(&self, image: &ImageDefaults, scene: &Scene, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
         let is_gathered = self.arguments.shading.contains(&ShadingName::Gather);
         let bytes = DRAWN * self.pictures.len() as u64 + if is_gathered { GATHERED } else { 0 };
         let mut frame = frame(*size, *spp, run.seed.unwrap_or(seed), image, bytes)
             .map_err(|error| error.in_file_if_none(&self.arguments.scene))?;
-        if spp.or(image.samples).is_none() {
+        if spp.or(image.samples).is_none() && self.arguments.error.is_none() {
             let pixels = frame.width as usize * frame.height as usize;
             let samples = scene.affordable(pixels, frame.samples);
             frame.in_one_round = samples < frame.samples;

@@ -64,11 +64,11 @@ pub(super) fn watch() {
     let _ = flag::register(SIGXFSZ, always());
     // Where the system refuses even a little memory Rust says so and aborts: that is a failure as others are, and
     // what lies in memory is of no use to anybody. Any other abort is a fault of the program.
-    let on_abort = || match allocator::was_refused() {
+    let on_abort = || match allocator::was_refused() || allocator::is_refused() {
         true => low_level::exit(2),
         false => drop(low_level::emulate_default_handler(SIGABRT)),
     };
-    // SAFETY: An atomic is read, and both functions may be called where a signal is handled.
+    // SAFETY: An atomic is read, and all functions may be called where a signal is handled.
     let _ = unsafe { low_level::register(SIGABRT, on_abort) };
     let is_ending = Arc::new(AtomicBool::new(false));
     let signals = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|&signal| !is_ignored(signal));

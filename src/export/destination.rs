@@ -48,7 +48,8 @@ impl Destination {
                 });
             };
             // The names of what other processes have open are no paths.
-            if folder.starts_with("/proc") && is_stream(&file) {
+            let is_open_socket = || fs::metadata(&file).is_ok_and(|file| is_socket(&file));
+            if folder.starts_with("/proc") && is_stream(&file) && !is_open_socket() {
                 return Ok(Destination::Stream);
             }
             if folder.starts_with("/proc") && folder.ends_with("fd") {

@@ -19,7 +19,7 @@ pub struct Frame {
     pub height: u32,
     /// Samples per pixel.
     pub samples: u32,
-    /// Gathered pictures: no more samples than these where nothing is asked for, whatever the error.
+    /// Gathered pictures: one round only, unless `error` or `deadline` is given.
     pub in_one_round: bool,
     pub seed: u64,
     /// Gathered pictures: the relative standard error at which a pixel is good enough. `None`: a quick picture.

@@ -52,7 +52,7 @@ impl Scene {
     }
 
     /// Says that little is spent on the light of a crowded scene and on its pictures.
-    pub(super) fn crowding_warning(&self) -> Option<Warning> {
+    pub(crate) fn crowding_warning(&self) -> Option<Warning> {
         (self.crowding() > CROWDED).then(|| {
             Warning::new(
                 "a line through the scene meets the boxes of a thousand triangles or more on average (see-through \

@@ -9,7 +9,7 @@ use crate::error::{Error, Result, Warning};
 use crate::scene::beside::Files;
 use crate::scene::budget::Budget;
 use crate::scene::material::Material;
-use crate::scene::text::quote;
+use crate::scene::text::{LARGEST, quote};
 use crate::scene::texture::{Map, Texture, TextureId, Wrap};
 use glam::{Affine2, Vec2};
 use std::collections::{HashMap, HashSet};
@@ -190,7 +190,7 @@ impl Reader<'_> {
         self.out.materials.push(Material {
             name: json.name.clone().unwrap_or_else(|| format!("material {number}")),
             reflectance,
-            radiance: Rgb::from(emitted.map(|x| x.clamp(0.0, f32::MAX.into()) as f32)),
+            radiance: Rgb::from(emitted.map(|x| x.clamp(0.0, LARGEST.into()) as f32)),
             two_sided: json.double_sided,
             emits_on_back: json.double_sided,
             reflectance_map,

@@ -121,6 +121,17 @@ fn a_textured_triangle_has_its_material_and_pictures() {
 }
 
 #[test]
+fn no_lamp_is_brighter_than_what_a_light_file_may_hold() {
+    let mut json = textured();
+    json["materials"][0]["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"] =
+        json!(1e30);
+    let (model, _) = load_json(&json).unwrap();
+    let material = &model.materials[model.material_of[0].0 as usize];
+    assert_eq!(material.radiance, Rgb::new(1e12, 0.0, 1e12));
+    assert!(material.is_possible(1));
+}
+
+#[test]
 fn v_runs_up_also_through_texture_transforms() {
     let (model, _) = load_json(&textured()).unwrap();
     let uv = model.mesh.texture.as_ref().unwrap().at(TriangleId(0), 2).unwrap();

@@ -1,6 +1,6 @@
 //! Pieces of triangles seen along an axis, and what cuts them apart.
 
-use super::flat::{Polygon, flatten, left_of};
+use super::flat::{Polygon, axis_of, flatten, left_of};
 use crate::geometry::Triangle;
 use glam::{DVec2, DVec3};
 
@@ -28,7 +28,7 @@ impl Piece {
 pub(super) enum Cut {
     /// A line with a direction of length 1.
     Line { from: DVec2, along: DVec2 },
-    /// A plane with a normal of length 1, for what lies in layers. It lets those through that it meets.
+    /// A plane with a normal of length 1, for what lies in layers. A piece that it meets goes whole to both sides.
     Plane { from: DVec3, normal: DVec3 },
 }
 
@@ -42,6 +42,12 @@ pub(super) struct View<'t> {
 impl View<'_> {
     pub(super) fn triangle(&self, piece: &Piece) -> &Triangle {
         &self.triangles[piece.number as usize]
+    }
+
+    /// Whether it is along this axis that others are compared with a triangle.
+    pub(super) fn is_axis_of(&self, number: u32) -> bool {
+        let normal = self.triangles[number as usize].double_area_normal().normalize();
+        axis_of(normal.as_vec3()) == self.axis
     }
 
     /// On which sides a piece lies: on one at least. What lies on different sides of a cut does not overlap.

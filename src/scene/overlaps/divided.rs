@@ -12,7 +12,7 @@ use crate::geometry::Triangle;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// So many pieces are compared with each other.
+/// This many pieces are compared with each other.
 const FEW: usize = 12;
 
 /// Two pieces may lose twice their rims at each division: all that they lose is no wider than what counts as an
@@ -27,27 +27,27 @@ const CANDIDATES: usize = 3;
 const WORTHWHILE: f64 = 0.85;
 
 /// The pairs of triangles that touch, are parallel and are `wanted`, the lower number first, in order. Only triangles
-/// that overlap, as seen along the axis of the first one's normal, may be wanted. `None` if more than `most[0]` pieces
-/// and pairs would have to be looked at, or more than `most[1]` are wanted.
+/// that overlap, as seen along the axis of the first one's normal, may be wanted. `None` if along some axis more than
+/// `most[0]` pieces and pairs would have to be looked at, or more than `most[1]` are wanted.
 pub(super) fn pairs(
     triangles: &[Triangle],
     flat: impl Fn(u32) -> Flat + Sync,
     wanted: impl Fn(u32, u32) -> bool + Sync,
     most: [u64; 2],
 ) -> Option<Vec<(u32, u32)>> {
-    let [looked_at, found] = [AtomicU64::new(0), AtomicU64::new(0)];
     let of_axis = |axis: usize| {
+        let [looked_at, found] = [AtomicU64::new(0), AtomicU64::new(0)];
         let view = View { axis, triangles };
         let numbers = (0..triangles.len() as u32).into_par_iter();
         let seen = numbers.filter(|&number| may_be_seen_along(axis, &triangles[number as usize]));
         let pieces: Vec<Piece> = seen.map(Piece::whole).collect();
         let counts = [&looked_at, &found];
-        Search { view, flat: &flat, wanted: &wanted, counts, most }.pairs(pieces, 0)
+        let search = Search { view, flat: &flat, wanted: &wanted, counts, most };
+        let pairs = search.pairs(pieces, 0);
+        let is_within = looked_at.into_inner() <= most[0] && found.into_inner() <= most[1];
+        is_within.then_some(pairs)
     };
-    let mut pairs: Vec<(u32, u32)> = (0..3).flat_map(of_axis).collect();
-    if looked_at.into_inner() > most[0] || found.into_inner() > most[1] {
-        return None;
-    }
+    let mut pairs = (0..3).map(of_axis).collect::<Option<Vec<_>>>()?.concat();
     pairs.par_sort_unstable();
     pairs.dedup();
     Some(pairs)
@@ -109,7 +109,8 @@ impl<F: Fn(u32) -> Flat + Sync, W: Fn(u32, u32) -> bool + Sync> Search<'_, F, W>
             for other in k + 1..pieces.len() {
                 let [a, b] = [piece.number, pieces[other].number];
                 let pair = (a.min(b), a.max(b));
-                if a != b && flats[k].fits(&flats[other]) && (self.wanted)(pair.0, pair.1) {
+                let is_seen = || self.view.is_axis_of(pair.0);
+                if flats[k].fits(&flats[other]) && is_seen() && (self.wanted)(pair.0, pair.1) {
                     pairs.push(pair);
                 }
             }

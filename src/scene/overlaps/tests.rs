@@ -272,6 +272,26 @@ fn what_shares_no_more_than_edges_takes_few_comparisons_whatever_its_boxes_do() 
 }
 
 #[test]
+fn a_plane_between_the_axes_is_searched_once() {
+    let nearly = |k: u32| {
+        let shift = 1e-6 * f64::from(k);
+        [[0.0, shift], [1.0 + shift, 0.0], [shift, 1.0]].map(|[x, y]| DVec3::new(x, y, 0.0))
+    };
+    let flat: Vec<[DVec3; 3]> = (0..300).map(nearly).collect();
+    for normal in [DVec3::Z, DVec3::new(1.0, 0.0, 1.0), DVec3::ONE] {
+        let turn = DQuat::from_rotation_arc(DVec3::Z, normal.normalize());
+        let turned = |p: [DVec3; 3]| Triangle { p: p.map(|p| (turn * p).as_vec3()) };
+        let triangles: Vec<Triangle> = flat.iter().copied().map(turned).collect();
+        let flat = |number: u32| flat_of(&triangles[number as usize]);
+        let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
+        // Each with each, and the pieces themselves.
+        let all = 300 * 299 / 2;
+        let found = divided::pairs(&triangles, flat, overlap, [2 * all, all]);
+        assert_eq!(found.map(|pairs| pairs.len() as u64), Some(all), "{normal}");
+    }
+}
+
+#[test]
 fn the_search_is_given_up_where_all_triangles_lie_across_each_other() {
     let stream = Stream::new(3, Purpose::Pair, 0, PointSet::Random);
     let corner = |k: u32| {
