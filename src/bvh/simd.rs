@@ -24,7 +24,7 @@ pub(crate) fn level() -> Result<Level> {
     }
 }
 
-/// What people call an instruction set.
+/// The usual name of an instruction set.
 pub(crate) fn name(level: Level) -> &'static str {
     match level {
         #[cfg(target_arch = "x86_64")]

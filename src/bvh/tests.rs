@@ -93,7 +93,7 @@ fn what_lies_behind_the_origin_is_found_as_what_lies_ahead() {
         // Close together, so that they go as packets.
         let across = |i: u32| Vec3::new(1.0, (i % 8) as f32 * 0.01, (i / 8) as f32 * 0.002 - 0.3);
         rays.extend((0..1024).map(|i| Ray::new(Vec3::new(-3.0, 0.1, 0.2), across(i))));
-        // The same points, one ray to the hit and no farther, one to either side of the origin.
+        // Two rays back to each hit: one whose interval ends there, one that reaches to both sides of the origin.
         let behind: Vec<Ray> = rays
             .iter()
             .filter_map(|ray| Some((ray, -ahead.nearest(ray)?.t)))

@@ -100,7 +100,7 @@ fn own_descriptor(folder: &Path, name: &OsStr) -> Option<u32> {
     (name == number.to_string().as_str()).then_some(number)
 }
 
-/// A copy of a descriptor that whoever started the program has opened for writing. It has the same position.
+/// A copy of a descriptor that the program was given open for writing. Both have one position.
 #[cfg(target_os = "linux")]
 fn given(number: u32) -> io::Result<File> {
     use rustix::fs::{OFlags, fcntl_getfl};

@@ -1,19 +1,10 @@
 //! Outputs that are no plain files: descriptors that the program was given, pipes, links; and outputs that are one file.
 #![cfg(target_os = "linux")]
 
+use super::hostile::folder;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
-use tempfile::TempDir;
-
-/// A folder with `s.obj`, a triangle that shines.
-fn folder() -> TempDir {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("a file");
-    write("s.obj", "mtllib s.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n");
-    write("s.mtl", "newmtl m\nKd .5 .5 .5\nKe 1 1 1\n");
-    folder
-}
 
 /// Runs `script` by the shell, where `$render` draws `s.obj` and needs an output.
 fn shell(folder: &Path, script: &str) -> Output {
