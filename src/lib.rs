@@ -33,7 +33,8 @@
 //! | 0 | [`error`] | errors that the user can fix: file, line, cause, remedy |
 //! | 1 | [`settings`] | what a user can ask for: flags, `[patches]` and `[light]`, programs |
 //! | 1 | [`progress`] | the progress of a computation, and a way to stop it |
-//! | 1 | [`color`], [`sampling`], `memory` | linear RGB; seeded points and their maps; memory free and used |
+//! | 1 | [`color`], [`sampling`] | linear RGB; seeded points and their maps |
+//! | 1 | `memory`, `simd` | memory free and used; the instruction set |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
 //! | 3 | [`scene`] | OBJ, glTF, PLY, STL; the TOML description; materials, textures, camera, topology |
 //! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic, clusters; the eight-wide SIMD hierarchy |
@@ -130,6 +131,7 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod settings;
+mod simd;
 pub mod solution;
 pub mod solver;
 pub mod two_level;

@@ -16,7 +16,6 @@
 //! | `batch` | which of these ways a batch takes |
 //! | `surfaces` | which of the triangles that a ray meets is seen: openings, overlaps in one plane |
 //! | `tracer` | a hierarchy whose kernel is chosen at run time |
-//! | `simd` | the instruction set |
 //!
 //! One generic source is compiled for every instruction set and one is chosen at run time. No
 //! operation is fused or approximate, so every instruction set gives the same bits, and so does every
@@ -38,7 +37,6 @@ mod packet;
 mod packet_walk;
 mod pages;
 mod ray_lanes;
-pub(crate) mod simd;
 mod stream;
 pub(crate) mod surfaces;
 #[cfg(test)]
@@ -48,6 +46,7 @@ mod traverse;
 
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, Stops, Triangle};
+use crate::simd;
 use batch::with_scratch;
 use build::Parts;
 use fearless_simd::{Level, dispatch};
@@ -127,7 +126,7 @@ impl<K: Kernel> Bvh<K> {
     /// none, up to 2²⁸ pieces.
     ///
     /// # Panics
-    /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see `simd::level`.
+    /// If `ISOLUX_SIMD` asks for an instruction set that there is not: see `simd`.
     pub fn build(triangles: impl Into<Arc<[Triangle]>>) -> Self {
         Self::build_with(triangles, Effort::Quick)
     }
@@ -138,7 +137,7 @@ impl<K: Kernel> Bvh<K> {
     /// # Panics
     /// As [`build`](Bvh::build).
     pub fn build_with(triangles: impl Into<Arc<[Triangle]>>, effort: Effort) -> Self {
-        let level = simd::level().expect("an instruction set that there is");
+        let level = simd::chosen();
         Self::build_for(triangles.into(), effort, level)
     }
 

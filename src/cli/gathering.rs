@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 const SEAL: Seal = Seal {
     magic: b"isolux picture\n",
-    version: 1,
+    version: 2,
     name: "file of an unfinished picture",
     command: "isolux render SCENE -o FILE",
 };

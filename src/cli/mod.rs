@@ -48,7 +48,7 @@ pub fn run() -> ExitCode {
         Ok(cli) => cli.command,
         Err(error) => return answer(&error),
     };
-    let result = crate::bvh::simd::level()
+    let result = crate::simd::level()
         .and_then(|_| arguments::check_threads())
         .and_then(|()| dispatch(command));
     match result {

@@ -141,3 +141,37 @@ fn nine_of_ten_pixels_and_more_lie_within_the_interval_that_is_stated_for_95_per
         assert!((0.93..=0.98).contains(&share), "{name}: {share}");
     }
 }
+
+/// Where very many samples are taken, little is averaged over pixels, and no more than the noise allows: otherwise pictures
+/// of one solution lie further apart than they state.
+#[test]
+fn pictures_with_a_small_error_lie_within_it_about_their_mean() {
+    let document =
+        Document::open(format!("{}/scenes/cornell-box.toml", env!("CARGO_MANIFEST_DIR")))
+            .expect("a description");
+    let scene = document.scene().expect("a scene");
+    let tracer = Tracer::build(&scene);
+    let light =
+        Solution::solve(&document, &scene, &tracer, &Settings::default(), &()).expect("light");
+    let draw = |seed| {
+        let frame = Frame { seed, error: Some(0.005), ..Frame::new(SIZE[0], SIZE[1]) };
+        light.gathered().draw(&tracer, &light.camera, &frame, &()).expect("a picture")
+    };
+    let pictures: Vec<_> = (1..=8).map(draw).collect();
+    let n = pictures.len() as f32;
+    // A picture is nearer to a mean to which it belongs.
+    let most = T * ((n - 1.0) / n).sqrt();
+    let (mut within, mut all) = (0.0, 0.0);
+    for pixel in 0..pictures[0].pixels.len() {
+        let found = |k: usize| luminance(pictures[k].pixels[pixel]);
+        let mean = (0..pictures.len()).map(found).sum::<f32>() / n;
+        for (k, picture) in pictures.iter().enumerate() {
+            let error = picture.error[pixel];
+            within += f64::from((found(k) - mean).abs() <= most * error + 1e-5 * mean);
+            all += 1.0;
+        }
+    }
+    let share = within / all;
+    println!("{share:.4}");
+    assert!((0.93..=0.98).contains(&share), "{share}");
+}

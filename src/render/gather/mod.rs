@@ -3,8 +3,8 @@
 //! What a pixel shows falls into two parts. Emission and light straight from sampled lights are sharp: they are
 //! estimated at each sample, so that shadows are as sharp as the pixels, whatever the patches. All other light
 //! is soft: at each sample rays are sent out that read the radiosity of the patches that they meet. Reflectance is
-//! divided out of it, and it is averaged over neighbouring pixels as far as two independent halves of the
-//! rays agree that this helps (see [`filter`]).
+//! divided out of it, and it is averaged over neighbouring pixels as far as that helps by an estimate of the
+//! error (see [`filter`]).
 
 mod errors;
 mod filter;

@@ -18,6 +18,8 @@ pub(super) struct Sharp {
     /// The luminance of these, and the number of samples, by quarters of the samples.
     pub quarters: [f32; QUARTERS],
     pub of_quarters: [f32; QUARTERS],
+    /// The samples that fill the quarters once.
+    pub in_quarters: u32,
     /// The luminance of these on surfaces that reflect more than they emit, and the number of samples there.
     pub reflecting: f32,
     pub reflecting_samples: f32,
@@ -25,6 +27,24 @@ pub(super) struct Sharp {
 }
 
 impl Sharp {
+    /// Makes the quarters long enough for samples `from..to`, out of `fewest` or more. Returns how often they were
+    /// doubled: that is possible as long as each sample is in its place, and halves the first's place.
+    pub(super) fn lengthen(&mut self, from: u32, to: u32, fewest: u32) -> u32 {
+        if from == 0 {
+            self.in_quarters = fewest;
+        }
+        let mut times = 0;
+        while (from == 0 || from == self.in_quarters >> times) && to / 2 >= self.in_quarters {
+            self.in_quarters *= 2;
+            times += 1;
+        }
+        for _ in 0..times {
+            self.quarters = paired(self.quarters);
+            self.of_quarters = paired(self.of_quarters);
+        }
+        times
+    }
+
     /// Counts a sample; one that misses the scene shows `background`.
     pub(super) fn count(&mut self, quarter: usize, is_miss: bool, background: Rgb) {
         self.samples += 1.0;
@@ -68,8 +88,14 @@ impl Sharp {
             (radiance.to_array(), [squares, reflecting, reflecting_samples, misses]);
         let sums = [&radiance[..], &others, &self.quarters, &self.of_quarters];
         (1.0..=f32::MAX).contains(&samples)
+            && (QUARTERS as u32..=samples as u32).contains(&self.in_quarters)
             && sums.into_iter().flatten().all(|x| (0.0..=f32::MAX).contains(x))
     }
+}
+
+/// Quarters of as many samples, as the first half of twice as many.
+pub(super) fn paired([a, b, c, d]: [f32; QUARTERS]) -> [f32; QUARTERS] {
+    [a + b, c + d, 0.0, 0.0]
 }
 
 /// A row of pixels.
@@ -106,5 +132,42 @@ impl Row {
             && self.ends.is_sorted()
             && self.ends.last().is_none_or(|&end| end as usize == self.spots.len());
         is_empty || is_full
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::block;
+
+    /// Quarters of samples whose luminance is 2 to the power of their number.
+    fn quarters(steps: &[u32]) -> (u32, [f32; QUARTERS]) {
+        let mut pixel = Sharp::default();
+        let mut from = 0;
+        for &to in steps {
+            pixel.lengthen(from, to, 5);
+            for number in from..to {
+                let quarter = block(number, pixel.in_quarters, QUARTERS);
+                pixel.count(quarter, true, Rgb::splat(2f32.powi(number as i32)));
+            }
+            from = to;
+        }
+        (pixel.in_quarters, pixel.quarters)
+    }
+
+    #[test]
+    fn quarters_are_the_same_in_steps_and_at_once_and_longer_only_while_they_are_filled_once() {
+        let of = |numbers: [std::ops::Range<i32>; QUARTERS]| {
+            numbers.map(|numbers| numbers.map(|k| 2f32.powi(k)).sum::<f32>())
+        };
+        let twenty = (20, of([0..5, 5..10, 10..15, 15..20]));
+        for steps in [&[20][..], &[5, 20], &[10, 20], &[5, 10, 20]] {
+            assert_eq!(quarters(steps), twenty, "{steps:?}");
+        }
+        // Of five samples the first quarter has two. Three more go round again, and stay where they are.
+        let (length, [a, b, c, d]) = quarters(&[5, 8, 20]);
+        assert_eq!((length, a + b + c + d), (5, 2f32.powi(20) - 1.0));
+        let (length, [a, ..]) = quarters(&[5, 8]);
+        assert_eq!((length, a), (5, 1.0 + 2.0 + 32.0 + 64.0));
     }
 }

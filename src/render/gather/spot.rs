@@ -1,5 +1,6 @@
 //! Spots: what a pixel sees of one surface.
 
+use super::row::paired;
 use crate::color::{Rgb, luminance};
 use crate::patches::SurfacePoint;
 use crate::sampling::QUARTERS;
@@ -19,8 +20,6 @@ pub(super) struct Spot {
     /// H in W·m⁻², and its luminance by quarters of the rays.
     light: Rgb,
     quarters: [f32; QUARTERS],
-    /// The luminance of H by every other ray: each sample has as many of these as of the others.
-    even: f32,
     /// Rays in each quarter.
     rays: [f32; QUARTERS],
     samples: f32,
@@ -47,9 +46,6 @@ impl Spot {
             spot.light += *light;
             spot.quarters[quarter(ray)] += luminance(*light);
             spot.rays[quarter(ray)] += 1.0;
-            if (point.sample.number as usize + ray).is_multiple_of(2) {
-                spot.even += luminance(*light);
-            }
         }
         spot
     }
@@ -60,7 +56,7 @@ impl Spot {
         let sums = [&reflectance[..], &self.reflecting, &light, &self.quarters, &self.rays];
         self.position.is_finite()
             && self.normal.is_finite()
-            && sums.into_iter().flatten().chain([&self.even]).all(|x| (0.0..=f32::MAX).contains(x))
+            && sums.into_iter().flatten().all(|x| (0.0..=f32::MAX).contains(x))
             && (1.0..=f32::MAX).contains(&self.samples)
             && self.rays.iter().any(|&rays| rays >= 1.0)
     }
@@ -94,11 +90,6 @@ impl Spot {
         self.light / self.rays.iter().sum::<f32>()
     }
 
-    /// The luminance of H by every other ray.
-    pub(super) fn even(&self) -> f32 {
-        2.0 * self.even / self.rays.iter().sum::<f32>()
-    }
-
     /// The luminance of H by quarters of the rays; where a quarter has none, its half or all rays stand for it.
     pub(super) fn quarters(&self) -> [f32; QUARTERS] {
         let mean = |quarters: Range<usize>| {
@@ -112,13 +103,19 @@ impl Spot {
         })
     }
 
+    /// Takes the quarters as the first half of twice as many samples.
+    pub(super) fn lengthen(&mut self) {
+        for quarters in [&mut self.reflecting, &mut self.quarters, &mut self.rays] {
+            *quarters = paired(*quarters);
+        }
+    }
+
     fn add(&mut self, other: &Spot) {
         self.position += other.position;
         self.normal += other.normal;
         self.reflectance += other.reflectance;
         self.samples += other.samples;
         self.light += other.light;
-        self.even += other.even;
         for quarter in 0..QUARTERS {
             self.reflecting[quarter] += other.reflecting[quarter];
             self.quarters[quarter] += other.quarters[quarter];
@@ -148,6 +145,7 @@ pub(super) fn add(spots: &mut Vec<Spot>, first: usize, new: &Spot) {
 
 /// Whether two points may lie on one smooth surface, by the way from one to the other and the normals at both: where
 /// these are alike, the way leads along the surface; where the surface turns, the way leaves its planes.
+#[inline(always)]
 pub(super) fn on_one_surface(way: Vec3, a: Vec3, b: Vec3) -> bool {
     let steepest = (FLAT + TURN * a.distance(b)) * way.length();
     way.dot(a).abs() <= steepest && way.dot(b).abs() <= steepest

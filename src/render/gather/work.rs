@@ -67,14 +67,18 @@ impl<'m> Work<'m> {
 
     /// Adds the samples of a tile, pixel by pixel, to what was known before.
     fn keep(&self, eye: &Eye, before: &Row, row: &mut Row) {
-        let rays = eye.frame.samples.max(QUARTERS as u32) * RAYS;
-        let quarter = |number, ray| block(number * RAYS + ray, rays, QUARTERS);
+        let fewest = eye.frame.samples.max(QUARTERS as u32);
         let mut hits = self.samples.hits.iter();
         let mut next = 0;
         for (wanted, tally) in self.wanted.iter().zip(&self.samples.tallies) {
             let (mut sharp, spots) = before.pixel(wanted.x);
             let of_pixel = row.spots.len();
             row.spots.extend_from_slice(spots);
+            for _ in 0..sharp.lengthen(wanted.from, wanted.to, fewest) {
+                row.spots[of_pixel..].iter_mut().for_each(Spot::lengthen);
+            }
+            let rays = sharp.in_quarters * RAYS;
+            let quarter = |number, ray| block(number * RAYS + ray, rays, QUARTERS);
             for (number, hit) in (wanted.from..wanted.to).zip(&mut hits) {
                 sharp.count(quarter(number, 0), hit.is_none(), eye.background());
             }

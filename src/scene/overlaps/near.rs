@@ -5,7 +5,8 @@
 
 use super::row::{Boxes, Flat, PARALLEL, Row, WIDTH, lanes};
 use crate::geometry::bounds::Bounds;
-use fearless_simd::{Level, Simd, dispatch};
+use crate::simd;
+use fearless_simd::{Simd, dispatch};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -39,7 +40,7 @@ fn pairs_of(
     wanted: &(impl Fn(u32, u32) -> bool + Sync),
     most: [u64; 2],
 ) -> Option<Vec<(u32, u32)>> {
-    let level = Level::new();
+    let level = simd::chosen();
     let counts = [AtomicU64::new(0), AtomicU64::new(0)];
     let is_exceeded =
         || counts.iter().zip(most).any(|(count, most)| count.load(Ordering::Relaxed) > most);

@@ -24,6 +24,14 @@ pub(crate) fn level() -> Result<Level> {
     }
 }
 
+/// [`level`], where that has been asked before.
+///
+/// # Panics
+/// If `ISOLUX_SIMD` asks for an instruction set that there is not.
+pub(crate) fn chosen() -> Level {
+    level().expect("an instruction set that there is")
+}
+
 /// The usual name of an instruction set.
 pub(crate) fn name(level: Level) -> &'static str {
     match level {
