@@ -32,7 +32,7 @@ pub(super) struct RenderArguments {
 
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SAMPLES as i64),
           help_heading = "Picture", help = format!(
-              "Samples per pixel [default: the scene's, else {}]", Frame::SAMPLES))]
+              "Samples per pixel [default: the scene's, else {}, or fewer where very many triangles share a place]", Frame::SAMPLES))]
     pub spp: Option<u32>,
 
     /// Gathered pictures: go on until the error of most pixels is at most this share of their light, such as 1%

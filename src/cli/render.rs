@@ -104,8 +104,8 @@ impl Run<'_> {
         self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
     }
 
-    /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, unless some or an error
-    /// are asked for.
+    /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, and no more where they
+    /// differ, unless some or an error are asked for.
     fn frame(&self, image: &ImageDefaults, scene: &Scene, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
         let is_gathered = self.arguments.shading.contains(&ShadingName::Gather);
@@ -114,9 +114,8 @@ impl Run<'_> {
             .map_err(|error| error.in_file_if_none(&self.arguments.scene))?;
         if spp.or(image.samples).is_none() && self.arguments.error.is_none() {
             let pixels = frame.width as usize * frame.height as usize;
-            let samples = scene.affordable(pixels, frame.samples);
-            frame.in_one_round = samples < frame.samples;
-            frame.samples = samples;
+            frame.samples = scene.affordable(pixels, frame.samples);
+            frame.in_one_round = scene.is_crowded();
         }
         Ok(Frame {
             background: *background,

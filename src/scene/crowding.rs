@@ -1,4 +1,4 @@
-//! Scenes in which so many triangles lie in one place that a ray meets a large part of them.
+//! Scenes in which a ray meets a large part of the triangles, as these lie in one place.
 //!
 //! No hierarchy helps there: n triangles that share a place cost each ray a time that grows with n, and rays that grow
 //! with n as well would take n². So the light of such a scene is solved with fewer of them.
@@ -42,9 +42,13 @@ impl Scene {
         })
     }
 
+    pub(crate) fn is_crowded(&self) -> bool {
+        self.crowding() > CROWDED
+    }
+
     /// How many rays each of `count` things may have, of the `usual` number: that, but in a crowded scene.
     pub(crate) fn affordable(&self, count: usize, usual: u32) -> u32 {
-        if self.crowding() <= CROWDED {
+        if !self.is_crowded() {
             return usual;
         }
         let rays = MOST_TESTS / self.crowding() / count.max(1) as f64;
@@ -53,7 +57,7 @@ impl Scene {
 
     /// Says that little is spent on the light of a crowded scene and on its pictures.
     pub(crate) fn crowding_warning(&self) -> Option<Warning> {
-        (self.crowding() > CROWDED).then(|| {
+        self.is_crowded().then(|| {
             Warning::new(
                 "a line through the scene meets the boxes of a thousand triangles or more on average (see-through \
                  ones count as ten), which makes rays slow: its light is solved with few samples and large patches, \

@@ -67,8 +67,20 @@ fn triangles_that_pass_through_each_other_take_seconds() {
     let folder = model(triangles, 1.0);
     drawn(folder.path(), "8x8", 60);
     // At 16 samples per pixel and more this takes a minute.
-    let text = drawn(folder.path(), "128x128", 40);
+    let text = drawn(folder.path(), "128x128 --stats s.json", 40);
     assert!(text.contains("pixels have few samples"), "{text}");
+    let rays = |size: &str| {
+        let statistics = fs::read_to_string(folder.path().join("s.json")).expect("statistics");
+        let known: serde_json::Value = serde_json::from_str(&statistics).expect("JSON");
+        let of = |name: &str| known[name].as_u64().unwrap_or_else(|| panic!("{size}: {name}"));
+        of("rays") - of("transport_rays")
+    };
+    // Four samples per pixel, most of which meet nothing.
+    let few = rays("128x128");
+    assert!(few < 12 * 128 * 128, "{few}");
+    drawn(folder.path(), "8x8 --spp 64 --stats s.json", 40);
+    let asked_for = rays("8x8");
+    assert!(asked_for >= 64 * 8 * 8, "{asked_for}");
 }
 
 #[test]
