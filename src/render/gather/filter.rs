@@ -2,15 +2,15 @@
 //!
 //! Around each spot a linear model of the irradiance, in position and normal, is fitted to the spots of like
 //! surface in a window (Moon, Carr & Yoon, *Adaptive Rendering Based on Weighted Local Regression*, ACM TOG 33(5),
-//! 2014). A wide window averages more noise away and follows the light less. How wide it is decides Stein's unbiased
-//! estimate of the risk (*Estimation of the Mean of a Multivariate Normal Distribution*, Annals of Statistics 9(6),
+//! 2014). A wide window averages more noise away and follows the light less. How wide it is, Stein's unbiased estimate
+//! of the risk decides (*Estimation of the Mean of a Multivariate Normal Distribution*, Annals of Statistics 9(6),
 //! 1981; in pictures Li, Wu & Chuang, *SURE-based Optimization for Adaptive Sampling and Reconstruction*, ACM TOG
 //! 31(6), 2012): how far the model is from the spot's own light, whose variance is known from blocks of the rays,
 //! tells how far it is from the truth. With more rays the best window shrinks, and with it what the filter does wrong.
 
 use super::spot::{Spot, on_one_surface};
 use crate::color::{Rgb, luminance};
-use crate::sampling::{LEVELS_OF_QUARTERS, MOST_GAIN_OF_JUMPS, QUARTERS};
+use crate::sampling::{LEVELS_OF_QUARTERS, QUARTERS};
 use crate::simd;
 use fearless_simd::{Simd, dispatch, f32x8, prelude::*};
 use glam::Vec3;
@@ -24,7 +24,10 @@ const RADII: [i32; 5] = [0, 1, 2, 4, 8];
 /// What the spot's own noise in a model costs. Stein's 2 makes the estimate right in the mean. But it is noisy itself,
 /// and a window that is too narrow by chance does more harm. With 4 noise falls by as much as blur grows, which no
 /// stated error holds.
-const COST_OF_NOISE: f32 = 3.0;
+const COST_OF_NOISE: f32 = 2.5;
+/// How fast the variance of the light falls, as if its rays were independent: where it falls faster, one ray among
+/// them that meets bright light would seem too sure.
+const GAIN: f32 = 2.0;
 /// Beyond this radius every other pixel is looked at.
 const DENSE: i32 = 4;
 /// Spots whose normals differ by more are of another surface: 45°.
@@ -93,7 +96,7 @@ impl Light {
 #[derive(Clone, Copy, Default)]
 struct Models {
     light: [Light; RADII.len()],
-    /// Stein's estimates of the squared error, and the same number more of each.
+    /// Stein's estimates of the squared error, each too large by the same number, which is the variance.
     risk: [f32; RADII.len()],
 }
 
@@ -123,11 +126,9 @@ impl Filter {
 
     /// The soft light of every spot.
     pub(super) fn filtered(&self) -> Vec<Light> {
-        let gain = self.gain();
         let level = simd::chosen();
-        let models = self.of_all_spots(
-            |pixel, spot| dispatch!(level, simd => self.models(simd, pixel, spot, gain)),
-        );
+        let models = self
+            .of_all_spots(|pixel, spot| dispatch!(level, simd => self.models(simd, pixel, spot)));
         let chosen = self.of_all_spots(|pixel, spot| {
             let mut risk = [0.0; RADII.len()];
             self.for_each_neighbour(pixel, spot, 0..=AROUND, |_, k| {
@@ -214,24 +215,11 @@ impl Filter {
         }
     }
 
-    /// How fast the variance of the light falls with the rays, over the whole picture.
-    fn gain(&self) -> f32 {
-        let mut all = Spread::default();
-        for spot in &self.spots {
-            // Spots differ less in their relative errors.
-            let unit = luminance(spot.light.irradiance());
-            if unit > 0.0 {
-                all.add(&Spread::of(spot.light.quarters().map(|q| q / unit)).scaled(spot.weight));
-            }
-        }
-        all.gain(MOST_GAIN_OF_JUMPS)
-    }
-
     #[inline(always)]
-    fn models<S: Simd>(&self, simd: S, pixel: usize, spot: usize, gain: f32) -> Models {
+    fn models<S: Simd>(&self, simd: S, pixel: usize, spot: usize) -> Models {
         let centre = &self.spots[spot];
         let own = luminance(centre.light.irradiance());
-        let variance = Spread::of(centre.light.quarters()).variance(gain);
+        let variance = Spread::of(centre.light.quarters()).variance(GAIN);
         let mut models = Models::default();
         let mut sums = Sums::new(simd);
         let scale = self.scale(pixel, spot);
@@ -248,13 +236,17 @@ impl Filter {
             let (light, share) =
                 if radius == 0 { (centre.light, 1.0) } else { sums.at_centre(centre.weight) };
             models.light[number] = light;
-            models.risk[number] =
-                (luminance(light.irradiance()) - own).powi(2) + COST_OF_NOISE * share * variance;
+            // Towards a horizon a plane may be too long for the sums.
+            models.risk[number] = if (0.0..=1.0).contains(&share) {
+                (luminance(light.irradiance()) - own).powi(2) + COST_OF_NOISE * share * variance
+            } else {
+                f32::INFINITY
+            };
         }
         models
     }
 
-    /// One over the largest distance in the widest window.
+    /// About one over the largest distance in the widest window.
     #[inline(always)]
     fn scale(&self, pixel: usize, spot: usize) -> f32 {
         let mut farthest = 0.0f32;

@@ -161,7 +161,7 @@ impl Rounds {
         }
         let first = if frame.deadline.is_some() { 0 } else { least(frame, self.goal) };
         if self.round == 1 && self.wanted.first().is_some_and(|&wanted| wanted < first) {
-            // In steps, so that there is a picture soon. The bits do not depend on these.
+            // In steps, so that there is a picture soon. The samples do not depend on these.
             self.estimate(frame, progress);
             self.wanted.iter_mut().for_each(|n| *n = n.saturating_mul(STEP).min(first).max(*n));
             return;

@@ -27,20 +27,20 @@ pub(super) struct Sharp {
 }
 
 impl Sharp {
-    /// Makes the quarters long enough for samples `from..to`, out of `fewest` or more. Returns how often they were
-    /// doubled: that is possible as long as each sample is in its place, and halves the first's place.
+    /// Makes the quarters longer for samples `from..to`, out of `fewest` or more, and returns how often they were doubled.
+    /// That is possible only while they are filled exactly once; what there was then fills the first half.
     pub(super) fn lengthen(&mut self, from: u32, to: u32, fewest: u32) -> u32 {
         if from == 0 {
             self.in_quarters = fewest;
+        } else if from != self.in_quarters {
+            return 0;
         }
         let mut times = 0;
-        while (from == 0 || from == self.in_quarters >> times) && to / 2 >= self.in_quarters {
+        while to / 2 >= self.in_quarters {
             self.in_quarters *= 2;
-            times += 1;
-        }
-        for _ in 0..times {
             self.quarters = paired(self.quarters);
             self.of_quarters = paired(self.of_quarters);
+            times += 1;
         }
         times
     }
@@ -93,7 +93,7 @@ impl Sharp {
     }
 }
 
-/// Quarters of as many samples, as the first half of twice as many.
+/// Quarters as the first half of twice as many samples.
 pub(super) fn paired([a, b, c, d]: [f32; QUARTERS]) -> [f32; QUARTERS] {
     [a + b, c + d, 0.0, 0.0]
 }

@@ -155,3 +155,18 @@ pub(super) fn on_one_surface(way: Vec3, a: Vec3, b: Vec3) -> bool {
 const FLAT: f32 = 0.05;
 /// How much steeper it may be for each unit between the normals. On a sphere it is a half.
 const TURN: f32 = 0.75;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quarters_become_those_of_twice_as_many_samples() {
+        let quarters = [1.0, 2.0, 3.0, 4.0];
+        let mut spot =
+            Spot { rays: [2.0; QUARTERS], quarters, reflecting: quarters, ..Spot::default() };
+        spot.lengthen();
+        assert_eq!(spot.rays, [4.0, 4.0, 0.0, 0.0]);
+        assert_eq!([spot.quarters, spot.reflecting], [[3.0, 7.0, 0.0, 0.0]; 2]);
+    }
+}
