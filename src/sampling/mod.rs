@@ -16,6 +16,6 @@ pub use shuffled::Shuffled;
 pub use spread::EIGHTHS;
 pub(crate) use spread::{
     LEVELS_OF_EIGHTHS, LEVELS_OF_QUARTERS, MOST_GAIN, MOST_GAIN_OF_JUMPS, QUARTERS, Spread, block,
-    numbers,
+    numbers, paired,
 };
 pub use streams::{PointSet, Purpose, Stream};

@@ -41,6 +41,11 @@ pub(crate) fn numbers(block: usize, samples: usize, blocks: usize) -> Range<usiz
     first(block)..first(block + 1)
 }
 
+/// Quarters as the first half of twice as many samples.
+pub(crate) fn paired([a, b, c, d]: [f32; QUARTERS]) -> [f32; QUARTERS] {
+    [a + b, c + d, 0.0, 0.0]
+}
+
 /// The squared differences of a value's blocks, in the mean of each level: of its halves, V(N/2) − V(N); of the
 /// quarters, V(N/4) − V(N/2); and so on.
 #[derive(Debug, Clone, Copy)]

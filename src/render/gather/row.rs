@@ -3,7 +3,7 @@
 use super::spot::Spot;
 use crate::color::{Rgb, luminance};
 use crate::patches::Look;
-use crate::sampling::QUARTERS;
+use crate::sampling::{QUARTERS, paired};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
@@ -91,11 +91,6 @@ impl Sharp {
             && (QUARTERS as u32..=samples as u32).contains(&self.in_quarters)
             && sums.into_iter().flatten().all(|x| (0.0..=f32::MAX).contains(x))
     }
-}
-
-/// Quarters as the first half of twice as many samples.
-pub(super) fn paired([a, b, c, d]: [f32; QUARTERS]) -> [f32; QUARTERS] {
-    [a + b, c + d, 0.0, 0.0]
 }
 
 /// A row of pixels.

@@ -1,9 +1,8 @@
 //! Spots: what a pixel sees of one surface.
 
-use super::row::paired;
 use crate::color::{Rgb, luminance};
 use crate::patches::SurfacePoint;
-use crate::sampling::QUARTERS;
+use crate::sampling::{QUARTERS, paired};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
