@@ -23,11 +23,14 @@ impl Cell {
     #[inline]
     pub fn containing(level: u32, u: f32, v: f32) -> (Cell, f32, f32) {
         let n = 1u32 << level;
-        // Scaling by a power of two is exact; the clamps catch u + v rounded past 1.
-        let (x, y) = (u.max(0.0) * n as f32, v.max(0.0) * n as f32);
-        let i = (x as u32).min(n - 1);
-        let j = (y as u32).min(n - 1 - i);
-        let (fx, fy) = ((x - i as f32).min(1.0), (y - j as f32).min(1.0));
+        // Scaling by a power of two is exact; the clamps catch u + v rounded past 1. `max` and `min` would ask
+        // for NaN, and a conversion to 32 bits for what does not fit: levels end far below 16 bits.
+        let above_zero = |x: f32| if x > 0.0 { x } else { 0.0 };
+        let below_one = |x: f32| if x < 1.0 { x } else { 1.0 };
+        let (x, y) = (above_zero(u) * n as f32, above_zero(v) * n as f32);
+        let i = (x as u16 as u32).min(n - 1);
+        let j = (y as u16 as u32).min(n - 1 - i);
+        let (fx, fy) = (below_one(x - i as f32), below_one(y - j as f32));
         let inverted = (fx + fy > 1.0) & (i + j + 1 < n);
         // 1 − f where inverted, else f, without a branch: half of all points would mispredict it.
         let one = inverted as u32 as f32;

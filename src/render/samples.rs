@@ -106,17 +106,22 @@ impl<'m> Samples<'m> {
     fn meet(&mut self, eye: &Eye<'m>, wanted: &[Wanted]) {
         self.points.clear();
         self.tallies.clear();
-        let mut met = self.rays.iter().zip(&self.hits);
+        self.points.reserve(self.rays.len());
+        let mut first = 0;
         for Wanted { x, y, from, to } in wanted {
             let pixel = [*x as u32, *y as u32];
+            let of_pixel = first..first + (to - from) as usize;
+            first = of_pixel.end;
             let (before, mut misses) = (self.points.len(), 0);
-            for (number, (ray, hit)) in (*from..*to).zip(&mut met) {
-                match hit {
-                    Some(hit) => {
-                        let sample = SampleId { pixel, number };
-                        self.points.extend(SurfacePoint::hit(eye.mesh, ray, hit, sample));
-                    }
-                    None => misses += 1,
+            let met = self.rays[of_pixel.clone()].iter().zip(&self.hits[of_pixel]);
+            for (number, (ray, hit)) in (*from..).zip(met) {
+                let Some(hit) = hit else {
+                    misses += 1;
+                    continue;
+                };
+                let sample = SampleId { pixel, number };
+                if let Some(point) = SurfacePoint::hit(eye.mesh, ray, hit, sample) {
+                    self.points.push(point);
                 }
             }
             self.tallies.push(Tally { points: self.points.len() - before, misses });
