@@ -18,8 +18,8 @@ mod verify;
 pub use allocator::Allocator;
 
 use crate::error::{Error, ErrorKind, Result, in_one_line, printable};
+use crate::export::file::write_patiently;
 use clap::{Parser, Subcommand};
-use std::io::Write;
 use std::process::ExitCode;
 
 /// Radiosity on triangle meshes: pictures of diffuse scenes whose light is solved, not guessed.
@@ -109,8 +109,7 @@ fn dispatch(command: Command) -> Result<ExitCode> {
 /// # Errors
 /// Any other refusal: a full disk.
 fn say(text: &str) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(printable(text).as_bytes()).and_then(|()| out.flush()) {
+    match write_patiently(&mut std::io::stdout().lock(), printable(text).as_bytes()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             let error = Error::new(format!("cannot write to standard output: {e}"));
             Err(error.of_kind(ErrorKind::System).remedy("check where it goes to"))
@@ -121,7 +120,7 @@ fn say(text: &str) -> Result<()> {
 
 /// Prints to standard error, without what would speak to a terminal.
 fn complain(text: &str) {
-    let _ = std::io::stderr().write_all(printable(text).as_bytes());
+    let _ = write_patiently(&mut std::io::stderr(), printable(text).as_bytes());
 }
 
 fn warn(warnings: &[crate::error::Warning]) {

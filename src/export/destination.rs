@@ -5,6 +5,8 @@ use std::ffi::OsStr;
 use std::fs::{self, File, Metadata};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::Duration;
 
 /// What the path of an output leads to, through links.
 pub(super) enum Destination {
@@ -67,7 +69,7 @@ impl Destination {
     /// Refuses what cannot be written to, as far as that is known before.
     ///
     /// # Errors
-    /// A descriptor that is not open, or only for reading.
+    /// A descriptor that is not open, or only for reading; a device or a pipe without the permission.
     pub(super) fn check(&self, path: &Path) -> Result<()> {
         match self {
             Destination::Descriptor(number) => given(*number).map(drop).map_err(|error| {
@@ -77,6 +79,12 @@ impl Destination {
                     .in_file(path)
                     .remedy("let the shell open it for writing, or name a file")
             }),
+            Destination::Stream if !may_be_written(path) => {
+                Err(Error::new("this may not be written to")
+                    .of_kind(ErrorKind::System)
+                    .in_file(path)
+                    .remedy("allow writing, or name a file"))
+            }
             _ => Ok(()),
         }
     }
@@ -88,8 +96,46 @@ impl Destination {
             Destination::Stream => File::options().write(true).open(path)?,
             Destination::File(_) => unreachable!("files are replaced"),
         };
-        file.write_all(bytes)
+        write_patiently(&mut file, bytes)
     }
+}
+
+/// Writes all bytes, also into a pipe or a terminal that another program has told not to wait until there is room.
+///
+/// # Errors
+/// Whatever else the system says.
+pub(crate) fn write_patiently(out: &mut impl Write, mut bytes: &[u8]) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match patiently(|| out.write(bytes))? {
+            0 => return Err(io::ErrorKind::WriteZero.into()),
+            count => bytes = &bytes[count..],
+        }
+    }
+    patiently(|| out.flush())
+}
+
+fn patiently<T>(mut attempt: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    loop {
+        match attempt() {
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => sleep(PATIENCE),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            result => return result,
+        }
+    }
+}
+
+/// Between two attempts.
+const PATIENCE: Duration = Duration::from_millis(1);
+
+/// Whether the system lets this process write to what is there already.
+#[cfg(target_os = "linux")]
+fn may_be_written(path: &Path) -> bool {
+    rustix::fs::access(path, rustix::fs::Access::WRITE_OK).is_ok()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn may_be_written(_: &Path) -> bool {
+    true
 }
 
 /// The number of a descriptor of this process, if `name` in `folder`, which is without links, is one.
@@ -206,5 +252,21 @@ mod tests {
             let error = Destination::Descriptor(number).check(Path::new("x")).unwrap_err();
             assert!(error.cause().contains("cannot be written to"), "{error}");
         }
+    }
+
+    #[test]
+    fn a_pipe_that_does_not_wait_gets_every_byte() {
+        use std::io::Read;
+        let (mut reader, mut writer) = io::pipe().unwrap();
+        rustix::io::ioctl_fionbio(&writer, true).unwrap();
+        let bytes: Vec<u8> = (0..1_000_000u32).map(|k| k as u8).collect();
+        let read = std::thread::spawn(move || {
+            let mut read = Vec::new();
+            sleep(Duration::from_millis(20));
+            reader.read_to_end(&mut read).map(|_| read)
+        });
+        write_patiently(&mut writer, &bytes).unwrap();
+        drop(writer);
+        assert!(read.join().unwrap().unwrap() == bytes);
     }
 }

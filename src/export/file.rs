@@ -1,5 +1,6 @@
 //! Output files that appear whole or not at all.
 
+pub(crate) use super::destination::write_patiently;
 use super::destination::{Destination, folder_of, is_character_device};
 use super::staging::{NAMES, Named, Staged, failed, remove_leftovers, stage};
 use crate::error::{Error, ErrorKind, Result};

@@ -177,3 +177,33 @@ fn what_a_solve_keeps_is_no_other_output_and_a_link_to_it_costs_nobody_a_file() 
     assert!(text(&run.stdout).contains("c.light.partial: this is a link"), "{}", text(&run.stdout));
     assert!(!at("c.light").exists() && at("kept.part").is_file());
 }
+
+/// Who shares a pipe may have told it not to wait for room.
+#[test]
+fn a_pipe_that_does_not_wait_gets_the_whole_picture() {
+    use std::io::{Read, Write};
+    let folder = folder();
+    std::os::unix::fs::symlink("/dev/stdout", folder.path().join("x.hdr")).expect("a link");
+    let (mut reader, mut writer) = std::io::pipe().expect("a pipe");
+    rustix::io::ioctl_fionbio(&writer, true).expect("no waiting");
+    // There is no room for another byte.
+    let full = loop {
+        if let Err(error) = writer.write_all(&[0]) {
+            break error;
+        }
+    };
+    assert_eq!(full.kind(), std::io::ErrorKind::WouldBlock);
+    let mut child = Command::new(assert_cmd::cargo::cargo_bin("isolux"))
+        .args("render s.obj -o x.hdr --size 30x30 --spp 1 --levels 0".split(' '))
+        .current_dir(folder.path())
+        .stdout(writer)
+        .spawn()
+        .expect("it runs");
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let mut got = Vec::new();
+    reader.read_to_end(&mut got).expect("bytes");
+    assert!(child.wait().expect("it ends").success());
+    let got = String::from_utf8_lossy(&got);
+    assert!(got.trim_start_matches('\0').starts_with("#?RADIANCE"), "a picture");
+    assert!(got.trim_end().ends_with("x.hdr"), "and all that is said");
+}
