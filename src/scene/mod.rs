@@ -44,6 +44,7 @@ pub use material::{Material, MaterialId};
 pub use mesh::Mesh;
 use model::Model;
 use overlaps::Overlaps;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -307,7 +308,8 @@ impl Scene {
                 .in_file(file)
                 .remedy("check the model's faces; `isolux info` counts what was found"));
         }
-        let largest = self.triangles.iter().map(Triangle::longest_edge).fold(0.0, f64::max);
+        let edges = self.triangles.par_iter().map(Triangle::longest_edge);
+        let largest = edges.reduce(|| 0.0, f64::max);
         if !(1e-9..=1e12).contains(&largest) {
             return Err(Error::new(format!(
                 "the longest edge is {largest:e} units, outside 1e-9 to 1e12"

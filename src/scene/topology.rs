@@ -5,6 +5,7 @@ use crate::geometry::{Triangle, TriangleId};
 use foldhash::fast::RandomState;
 use glam::Vec3;
 use hashbrown::HashTable;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::hash::BuildHasher;
 use std::sync::OnceLock;
@@ -134,23 +135,20 @@ impl Topology {
 
     fn find_copies(&self) -> Vec<Vec<TriangleId>> {
         let sorted = |triangle: u32| {
-            let mut corners = self.corners[triangle as usize];
-            corners.sort_unstable();
-            corners
+            let [a, b, c] = self.corners[triangle as usize];
+            let [low, high] = [a.min(b), a.max(b)];
+            [low.min(c), low.max(c.min(high)), high.max(c)]
         };
         let lowest = |triangle| sorted(triangle)[0].0 as usize;
-        let mut copies = Vec::new();
-        let (mut triangles, sizes) = binned(self.corners.len() as u32, self.vertex_count, lowest);
-        let mut rest = triangles.as_mut_slice();
-        for size in sizes {
-            let (bin, others) = rest.split_at_mut(size as usize);
-            bin.sort_unstable_by_key(|triangle| (sorted(*triangle), *triangle));
-            let lists = bin.chunk_by(|a, b| sorted(*a) == sorted(*b));
-            let several = lists.filter(|list| list.len() > 1);
-            copies.extend(several.map(|list| list.iter().copied().map(TriangleId).collect()));
-            rest = others;
-        }
-        copies
+        let triangles = binned(self.corners.len() as u32, self.vertex_count, lowest);
+        let bins = triangles.par_chunk_by(|a, b| lowest(*a) == lowest(*b));
+        let copies = bins.filter(|bin| bin.len() > 1).flat_map_iter(|bin| {
+            let mut keyed: Vec<_> = bin.iter().map(|t| (sorted(*t), TriangleId(*t))).collect();
+            keyed.sort_unstable();
+            let lists = keyed.chunk_by(|a, b| a.0 == b.0).filter(|list| list.len() > 1);
+            lists.map(|list| list.iter().map(|keyed| keyed.1).collect()).collect::<Vec<_>>()
+        });
+        copies.collect()
     }
 }
 
@@ -211,35 +209,27 @@ fn ends(corners: &[[VertexId; 3]], half: HalfNumber) -> (VertexId, VertexId) {
 /// of keys is needed.
 fn sorted_half_edges(corners: &[[VertexId; 3]], vertex_count: usize) -> Vec<HalfNumber> {
     let lower = |half| ends(corners, half).0.0 as usize;
-    let (mut sorted, sizes) = binned(3 * corners.len() as HalfNumber, vertex_count, lower);
-    let mut rest = sorted.as_mut_slice();
-    for size in sizes {
-        let (bin, others) = rest.split_at_mut(size as usize);
-        bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half));
-        rest = others;
-    }
+    let mut sorted = binned(3 * corners.len() as HalfNumber, vertex_count, lower);
+    let bins = sorted.par_chunk_by_mut(|a, b| lower(*a) == lower(*b));
+    bins.for_each(|bin| bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half)));
     sorted
 }
 
-/// The numbers below `count`, bin by bin, in ascending order in each; and the sizes of the bins.
-fn binned(count: u32, bins: usize, bin: impl Fn(u32) -> usize) -> (Vec<u32>, Vec<u32>) {
-    let mut sizes = vec![0u32; bins];
-    (0..count).for_each(|number| sizes[bin(number)] += 1);
+/// The numbers below `count`, bin by bin, in ascending order in each.
+fn binned(count: u32, bins: usize, bin: impl Fn(u32) -> usize) -> Vec<u32> {
+    let mut next = vec![0u32; bins];
+    (0..count).for_each(|number| next[bin(number)] += 1);
     let mut filled = 0;
-    let mut next: Vec<u32> = sizes
-        .iter()
-        .map(|size| {
-            filled += size;
-            filled - size
-        })
-        .collect();
+    for start in &mut next {
+        filled += std::mem::replace(start, filled);
+    }
     let mut sorted = vec![0; count as usize];
     for number in 0..count {
         let place = &mut next[bin(number)];
         sorted[*place as usize] = number;
         *place += 1;
     }
-    (sorted, sizes)
+    sorted
 }
 
 #[cfg(test)]

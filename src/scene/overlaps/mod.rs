@@ -115,11 +115,14 @@ struct Surfaces {
     material_of: Vec<MaterialId>,
 }
 
+/// Who asks for the bounds alone waits for no normal where this is inlined.
+#[inline]
 fn flat_of(triangle: &Triangle) -> Flat {
     Flat { bounds: padded(triangle), normal: triangle.normal() }
 }
 
 /// Grown by what lifts rays off the triangle.
+#[inline]
 fn padded(triangle: &Triangle) -> Bounds {
     let (bounds, pad) = (triangle.bounds(), triangle.ray_offset());
     Bounds { min: bounds.min - pad, max: bounds.max + pad }
