@@ -16,12 +16,14 @@ pub(super) struct Picture {
     pub shading: ShadingName,
     pub path: PathBuf,
     pub format: Format,
+    /// Where the errors of its pixels go, if they are asked for and known.
+    pub errors: Option<PathBuf>,
 }
 
 /// Names the output files and makes sure that they can be written, before anything is computed. The
 /// shadings of a view follow each other.
 pub(super) fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
-    check_gathered(arguments)?;
+    check_options(arguments)?;
     let format = Format::of(&arguments.output)?;
     if arguments.background == Some(Background::Transparent) && format == Format::Hdr {
         return Err(Error::new("a picture in Radiance's format has no transparency")
@@ -29,14 +31,18 @@ pub(super) fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             .remedy("write .png or .exr, or give --background a radiance"));
     }
     let shadings = without_repetition(&arguments.shading);
+    let with_errors = shadings.iter().filter(|shading| knows_errors(**shading)).count();
     let mut pictures = Vec::new();
     for (view, view_suffix) in views(arguments) {
         for &shading in &shadings {
-            let view_suffix = view_suffix.clone();
-            let shading_suffix = (shadings.len() > 1).then(|| shading_name(shading));
-            let path =
-                with_suffixes(&arguments.output, view_suffix.into_iter().chain(shading_suffix));
-            pictures.push(Picture { view: view.clone(), shading, path, format });
+            let named = |path: &PathBuf, shadings: usize| {
+                let shading_suffix = (shadings > 1).then(|| shading_name(shading));
+                with_suffixes(path, view_suffix.clone().into_iter().chain(shading_suffix))
+            };
+            let path = named(&arguments.output, shadings.len());
+            let errors = arguments.error_image.as_ref().filter(|_| knows_errors(shading));
+            let errors = errors.map(|path| named(path, with_errors));
+            pictures.push(Picture { view: view.clone(), shading, path, format, errors });
         }
     }
     if let Some(path) = &arguments.error_image
@@ -47,8 +53,7 @@ pub(super) fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             .remedy("write them as .exr or .hdr"));
     }
     check_overwriting(arguments, &pictures, &Inputs::default())?;
-    let errors = error_images(arguments);
-    let others = arguments.run.stats.iter().chain(&errors);
+    let others = arguments.run.stats.iter().chain(error_images(&pictures));
     for path in pictures.iter().map(|picture| &picture.path).chain(others) {
         check_writable(path)?;
     }
@@ -86,11 +91,14 @@ fn views(arguments: &RenderArguments) -> Vec<(Option<String>, Option<String>)> {
     }
 }
 
-/// The files of the errors, one per view: each view has one gathered picture.
-pub(super) fn error_images(arguments: &RenderArguments) -> Vec<PathBuf> {
-    let of_views =
-        |path| views(arguments).into_iter().map(move |(_, s)| with_suffixes(path, s.into_iter()));
-    arguments.error_image.iter().flat_map(|path| of_views(path)).collect()
+/// The files of the errors.
+fn error_images(pictures: &[Picture]) -> impl Iterator<Item = &PathBuf> {
+    pictures.iter().filter_map(|picture| picture.errors.as_ref())
+}
+
+/// Whether the errors of such a picture's pixels are estimated.
+fn knows_errors(shading: ShadingName) -> bool {
+    matches!(shading, ShadingName::Gather | ShadingName::Path)
 }
 
 /// Refuses a run that would destroy its own input or write two outputs to one file.
@@ -101,8 +109,7 @@ pub(super) fn check_overwriting(
 ) -> Result<()> {
     let mut outputs: Vec<&Path> = pictures.iter().map(|picture| picture.path.as_path()).collect();
     outputs.extend(arguments.run.stats.as_deref());
-    let errors = error_images(arguments);
-    outputs.extend(errors.iter().map(PathBuf::as_path));
+    outputs.extend(error_images(pictures).map(PathBuf::as_path));
     let partials = partials(pictures);
     outputs.extend(partials.iter().map(Partial::path));
     inputs.check_distinct(&outputs)
@@ -129,12 +136,11 @@ fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf
     path.with_file_name(file)
 }
 
-/// Refuses options of gathered pictures if there is none.
-fn check_gathered(arguments: &RenderArguments) -> Result<()> {
+/// Refuses options of pictures of which there is none.
+fn check_options(arguments: &RenderArguments) -> Result<()> {
     let options = [
         ("--error", arguments.error.is_some()),
         ("--time", arguments.time.is_some()),
-        ("--error-image", arguments.error_image.is_some()),
         ("--preview", arguments.preview.is_some()),
         ("--resume", arguments.resume),
     ];
@@ -143,6 +149,14 @@ fn check_gathered(arguments: &RenderArguments) -> Result<()> {
         Some((name, _)) if !arguments.shading.contains(&ShadingName::Gather) => {
             Err(Error::new(format!("{name} is for gathered pictures, and none is asked for"))
                 .remedy("leave it out, or draw with --shading gather"))
+        }
+        _ if arguments.error_image.is_some()
+            && !arguments.shading.iter().any(|&shading| knows_errors(shading)) =>
+        {
+            Err(Error::new(
+                "--error-image is for gathered and path-traced pictures, and none is asked for",
+            )
+            .remedy("leave it out, or draw with --shading gather or path"))
         }
         _ => Ok(()),
     }

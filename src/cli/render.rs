@@ -3,7 +3,7 @@
 use super::arguments::{Exposure, LightArguments, RenderArguments, SceneArguments, ShadingName};
 use super::gathering::{Gathering, fingerprint};
 use super::partial::Partial;
-use super::pictures::{Picture, check_overwriting, error_images, partials, pictures};
+use super::pictures::{Picture, check_overwriting, partials, pictures};
 use super::progress::{Bars, OnSignal};
 use super::report::{Report, Seconds};
 use super::{say, signals, warn};
@@ -117,6 +117,14 @@ impl Run<'_> {
             frame.samples = scene.affordable(pixels, frame.samples);
             frame.in_one_round = scene.is_crowded();
         }
+        let is_path_traced = self.arguments.shading.contains(&ShadingName::Path);
+        if is_path_traced && self.arguments.error_image.is_some() && !frame.tells_errors() {
+            return Err(Error::new(format!(
+                "{} samples per pixel do not tell the errors of path-traced pictures",
+                frame.samples
+            ))
+            .remedy("take 4 or more with --spp, or leave --error-image out"));
+        }
         Ok(Frame {
             background: *background,
             error: self.arguments.error,
@@ -159,7 +167,8 @@ impl Run<'_> {
         seconds.render += rendering.elapsed().as_secs_f64();
         seconds.total = self.start.elapsed().as_secs_f64();
 
-        let files = pictures.iter().map(|picture| picture.path.as_path());
+        let errors = pictures.iter().filter_map(|picture| picture.errors.as_deref());
+        let files = pictures.iter().map(|picture| picture.path.as_path()).chain(errors);
         let is_given = matches!(arguments.exposure, Some(Exposure::Factor(_)))
             || solution.image.exposure.is_some();
         let report = Report {
@@ -174,9 +183,10 @@ impl Run<'_> {
             },
             ..Report::new(solution, seconds, files)
         };
-        let gathered = images.iter().filter(|image| !image.error.is_empty());
-        for (path, image) in error_images(arguments).into_iter().zip(gathered) {
-            outputs.push(Output { bytes: error_image(&path, image)?, path });
+        for (picture, image) in pictures.iter().zip(&images) {
+            if let Some(path) = &picture.errors {
+                outputs.push(Output { bytes: error_image(path, image)?, path: path.clone() });
+            }
         }
         if let Some(path) = &arguments.run.stats {
             outputs.push(Output { path: path.clone(), bytes: report.to_json() });
@@ -194,7 +204,10 @@ impl Run<'_> {
             return Ok(ExitCode::from(signals::exit_code()));
         }
         partials(pictures).iter().for_each(Partial::remove);
-        warn(missed(arguments.error, report.picture_error).as_slice());
+        let gathered =
+            pictures.iter().zip(&images).filter(|(p, _)| p.shading == ShadingName::Gather);
+        let error = gathered.filter_map(|(_, image)| image.relative_error()).reduce(f32::max);
+        warn(missed(arguments.error, error).as_slice());
         say(&report.to_text())?;
         Ok(ExitCode::SUCCESS)
     }

@@ -21,6 +21,11 @@ pub trait IrradianceField: Send + Sync {
     /// scene.
     fn irradiance(&self, caster: &dyn RayCaster, at: &[SurfacePoint], irradiance: &mut [Rgb]);
 
+    /// Whether H is estimated anew at every point, so that the samples of a pixel tell how far off their mean is.
+    fn is_noisy(&self) -> bool {
+        false
+    }
+
     /// Rays that all estimates so far took.
     fn rays(&self) -> u64 {
         0

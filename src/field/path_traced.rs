@@ -44,6 +44,10 @@ impl IrradianceField for PathTraced {
         self.rays.fetch_add(paths.rays.into_inner(), Ordering::Relaxed);
     }
 
+    fn is_noisy(&self) -> bool {
+        true
+    }
+
     fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
     }

@@ -1,6 +1,7 @@
 //! Size and sampling of a picture, and what is seen behind the scene.
 
 use crate::color::Rgb;
+use crate::sampling::QUARTERS;
 use crate::settings::Settings;
 use std::time::Instant;
 
@@ -54,6 +55,11 @@ impl Frame {
     /// The number of the pixel at (x, y), row by row from the top left.
     pub(super) fn pixel_number(&self, (x, y): (usize, usize)) -> u64 {
         y as u64 * self.width as u64 + x as u64
+    }
+
+    /// Whether each quarter of a pixel's samples has one, without which nothing is known of the pixel's error.
+    pub(crate) fn tells_errors(&self) -> bool {
+        self.samples >= QUARTERS as u32
     }
 
     pub fn rays(&self) -> u64 {

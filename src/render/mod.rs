@@ -10,11 +10,13 @@ use crate::field::IrradianceField;
 use crate::geometry::RayCaster;
 use crate::patches::{Look, PatchMesh};
 use crate::progress::{Progress, Stage};
+use crate::sampling::{QUARTERS, block};
 use crate::scene::Camera;
 pub use frame::{Background, Frame};
 use rayon::prelude::*;
 use samples::{Eye, Samples, Wanted};
 use std::f32::consts::PI;
+use std::ops::Range;
 
 /// Linear radiance in W·sr⁻¹·m⁻², row by row from the top left.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -89,6 +91,7 @@ pub fn render(
     );
     progress.end();
     let is_transparent = frame.background == Some(Background::Transparent);
+    let has_errors = |field: &dyn IrradianceField| field.is_noisy() && frame.tells_errors();
     let image = |field: usize| {
         let pixels = || rows.iter().skip(field).step_by(fields.len());
         let coverage = || pixels().map(|p| p.coverage).collect();
@@ -97,7 +100,12 @@ pub fn render(
             height: frame.height,
             pixels: pixels().map(|p| p.radiance).collect(),
             reflecting: pixels().map(|p| p.reflecting).collect(),
-            error: Vec::new(),
+            error: if has_errors(fields[field]) {
+                let quarters = pixels().map(|p| (luminance(p.radiance), p.quarters));
+                gather::errors::of_quarters(frame.width as usize, quarters)
+            } else {
+                Vec::new()
+            },
             rays: if field == 0 { frame.rays() } else { 0 } + fields[field].rays() - before[field],
             coverage: if is_transparent { coverage() } else { Vec::new() },
         }
@@ -132,6 +140,8 @@ struct Pixel {
     radiance: Rgb,
     reflecting: f32,
     coverage: f32,
+    /// The mean luminance of each quarter of the samples, where the field is noisy.
+    quarters: [f32; QUARTERS],
 }
 
 /// One thread's buffers, for the samples of a tile.
@@ -156,9 +166,9 @@ impl<'m> Work<'m> {
             field.irradiance(eye.caster, &self.samples.points, &mut self.irradiance);
             let of_field = pixels.iter_mut().skip(number).step_by(fields.len());
             if eye.mesh.varies() {
-                self.shade(eye, of_field, |k| self.samples.looks[k]);
+                self.shade(eye, of_field, field.is_noisy(), |k| self.samples.looks[k]);
             } else {
-                self.shade(eye, of_field, |k| self.samples.plain_look(eye, k));
+                self.shade(eye, of_field, field.is_noisy(), |k| self.samples.plain_look(eye, k));
             }
         }
     }
@@ -170,18 +180,17 @@ impl<'m> Work<'m> {
         &self,
         eye: &Eye,
         pixels: impl Iterator<Item = &'p mut Pixel>,
+        is_noisy: bool,
         look: impl Fn(usize) -> Look,
     ) {
         let background = eye.background();
         let mut first = 0;
-        for (pixel, tally) in pixels.zip(&self.samples.tallies) {
+        for (number, (pixel, tally)) in pixels.zip(&self.samples.tallies).enumerate() {
             let mut sum = background * tally.misses as f32;
             let (mut reflecting, mut count) = (Rgb::ZERO, 0);
-            for k in first..first + tally.points {
-                let Look { radiance, reflectance } = look(k);
-                let emitted =
-                    if self.samples.points[k].side.radiates { radiance } else { Rgb::ZERO };
-                let reflected = reflectance * self.irradiance[k] / PI;
+            let of_pixel = first..first + tally.points;
+            for k in of_pixel.clone() {
+                let (emitted, reflected) = self.light_of(k, look(k));
                 sum += emitted + reflected;
                 if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
                     reflecting += emitted + reflected;
@@ -192,6 +201,44 @@ impl<'m> Work<'m> {
             pixel.radiance = sum / eye.frame.samples as f32;
             pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
             pixel.coverage = 1.0 - tally.misses as f32 / eye.frame.samples as f32;
+            if is_noisy {
+                pixel.quarters = self.quarters(eye, number, of_pixel, &look);
+            }
         }
+    }
+
+    /// The radiance that a point emits, and what it reflects.
+    #[inline(always)]
+    fn light_of(&self, k: usize, look: Look) -> (Rgb, Rgb) {
+        let radiates = self.samples.points[k].side.radiates;
+        let emitted = if radiates { look.radiance } else { Rgb::ZERO };
+        (emitted, look.reflectance * self.irradiance[k] / PI)
+    }
+
+    /// The mean luminance of each quarter of a pixel's samples. `number` counts the pixels of the tile, `points` are
+    /// those of the pixel.
+    fn quarters(
+        &self,
+        eye: &Eye,
+        number: usize,
+        points: Range<usize>,
+        look: impl Fn(usize) -> Look,
+    ) -> [f32; QUARTERS] {
+        let samples = eye.frame.samples;
+        let (mut sums, mut counts) = ([0.0; QUARTERS], [0.0; QUARTERS]);
+        let hits = &self.samples.hits[number * samples as usize..][..samples as usize];
+        for (sample, hit) in (0..).zip(hits) {
+            let quarter = block(sample, samples, QUARTERS);
+            counts[quarter] += 1.0;
+            if hit.is_none() {
+                sums[quarter] += luminance(eye.background());
+            }
+        }
+        for k in points {
+            let (emitted, reflected) = self.light_of(k, look(k));
+            let quarter = block(self.samples.points[k].sample.number, samples, QUARTERS);
+            sums[quarter] += luminance(emitted + reflected);
+        }
+        std::array::from_fn(|quarter| sums[quarter] / counts[quarter])
     }
 }

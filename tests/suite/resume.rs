@@ -119,3 +119,28 @@ fn each_view_has_its_own_picture_of_errors() {
     assert!(a != b);
     assert!(!folder.path().join("e.exr").exists());
 }
+
+#[test]
+fn each_shading_that_knows_its_errors_has_a_picture_of_them() {
+    let folder = folder();
+    let run = |more: &[&str]| {
+        let quick = ["--levels", "0", "--size", "32x24", "-o", "p.png", "--error-image", "e.exr"];
+        let (output, said) = end(start(folder.path(), &[&quick[..], more].concat()));
+        let wrote = String::from_utf8(output.stdout).expect("UTF-8");
+        (output.status.code(), wrote.matches("wrote         e").count(), said)
+    };
+    let exists = |name: &str| folder.path().join(name).exists();
+    assert_eq!(run(&["--shading", "flat,path"]).0, Some(0));
+    assert!(exists("e.exr") && exists("p-flat.png") && exists("p-path.png"));
+    let (code, wrote, said) = run(&["--shading", "flat,path,gather"]);
+    assert_eq!((code, wrote), (Some(0), 2), "{said}");
+    assert!(exists("e-path.exr") && exists("e-gather.exr") && !exists("e-flat.exr"));
+    for (more, cause) in [
+        (&["--shading", "flat"][..], "for gathered and path-traced pictures"),
+        (&["--shading", "path", "--spp", "3"], "3 samples per pixel do not tell the errors"),
+    ] {
+        let (code, _, said) = run(more);
+        assert_eq!(code, Some(2));
+        assert!(said.contains(cause), "{said}");
+    }
+}

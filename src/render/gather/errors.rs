@@ -11,6 +11,16 @@ use std::f32::consts::PI;
 
 type Spread = crate::sampling::Spread<LEVELS_OF_QUARTERS>;
 
+/// The standard error of each pixel's luminance, from its mean and the means of each quarter of its samples. Row by
+/// row.
+pub(in crate::render) fn of_quarters(
+    width: usize,
+    pixels: impl Iterator<Item = (f32, [f32; QUARTERS])>,
+) -> Vec<f32> {
+    let pixel = |(mean, quarters)| Pixel { mean, sharp: Spread::of(quarters), ..Pixel::default() };
+    Errors::new(width, pixels.map(pixel).collect()).absolute()
+}
+
 /// The errors of a picture's pixels. Where they are relative, it is to a pixel's luminance and [`DARK`] of the
 /// picture's mean.
 pub(super) struct Errors {

@@ -6,7 +6,7 @@
 //! divided out of it, and it is averaged over neighbouring pixels as far as that helps by an estimate of the
 //! error (see [`filter`]).
 
-mod errors;
+pub(super) mod errors;
 mod filter;
 mod picture;
 mod rounds;
