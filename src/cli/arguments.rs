@@ -51,8 +51,9 @@ pub(super) struct RenderArguments {
     #[arg(long, help_heading = "Picture")]
     pub resume: bool,
 
-    /// Gathered and path-traced pictures: write the standard error of each pixel's luminance, as .exr or .hdr; a file
-    /// per picture. A picture in .exr has it as well, as its layer `error`
+    /// Gathered and path-traced pictures: write the standard error of each pixel's luminance, as .exr or .hdr; each
+    /// file is named as its picture is. A picture in .exr has it as well, as its layer `error`; one by paths from 4
+    /// samples per pixel on
     #[arg(long, value_name = "FILE", help_heading = "Picture")]
     pub error_image: Option<PathBuf>,
 

@@ -20,6 +20,7 @@ pub use allocator::Allocator;
 use crate::error::{Error, ErrorKind, Result, in_one_line, printable};
 use crate::export::file::write_patiently;
 use clap::{Parser, Subcommand};
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Radiosity on triangle meshes: pictures of diffuse scenes whose light is solved, not guessed.
@@ -120,7 +121,7 @@ fn say(text: &str) -> Result<()> {
 
 /// Prints to standard error, without what would speak to a terminal.
 fn complain(text: &str) {
-    let _ = write_patiently(&mut std::io::stderr(), printable(text).as_bytes());
+    let _ = std::io::stderr().write_all(printable(text).as_bytes());
 }
 
 fn warn(warnings: &[crate::error::Warning]) {

@@ -31,17 +31,14 @@ pub(super) fn pictures(arguments: &RenderArguments) -> Result<Vec<Picture>> {
             .remedy("write .png or .exr, or give --background a radiance"));
     }
     let shadings = without_repetition(&arguments.shading);
-    let with_errors = shadings.iter().filter(|shading| knows_errors(**shading)).count();
     let mut pictures = Vec::new();
     for (view, view_suffix) in views(arguments) {
         for &shading in &shadings {
-            let named = |path: &PathBuf, shadings: usize| {
-                let shading_suffix = (shadings > 1).then(|| shading_name(shading));
-                with_suffixes(path, view_suffix.clone().into_iter().chain(shading_suffix))
-            };
-            let path = named(&arguments.output, shadings.len());
+            let shading_suffix = (shadings.len() > 1).then(|| shading_name(shading));
+            let suffixes = view_suffix.clone().into_iter().chain(shading_suffix);
+            let path = with_suffixes(&arguments.output, suffixes.clone());
             let errors = arguments.error_image.as_ref().filter(|_| knows_errors(shading));
-            let errors = errors.map(|path| named(path, with_errors));
+            let errors = errors.map(|path| with_suffixes(path, suffixes));
             pictures.push(Picture { view: view.clone(), shading, path, format, errors });
         }
     }
@@ -136,7 +133,7 @@ fn with_suffixes(path: &Path, suffixes: impl Iterator<Item = String>) -> PathBuf
     path.with_file_name(file)
 }
 
-/// Refuses options of pictures of which there is none.
+/// Refuses options for kinds of pictures that are not asked for.
 fn check_options(arguments: &RenderArguments) -> Result<()> {
     let options = [
         ("--error", arguments.error.is_some()),

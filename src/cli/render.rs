@@ -109,7 +109,10 @@ impl Run<'_> {
     fn frame(&self, image: &ImageDefaults, scene: &Scene, seed: u64) -> Result<Frame> {
         let RenderArguments { size, spp, run, background, .. } = self.arguments;
         let is_gathered = self.arguments.shading.contains(&ShadingName::Gather);
-        let bytes = DRAWN * self.pictures.len() as u64 + if is_gathered { GATHERED } else { 0 };
+        let is_path_traced = self.arguments.shading.contains(&ShadingName::Path);
+        let bytes = DRAWN * self.pictures.len() as u64
+            + if is_gathered { GATHERED } else { 0 }
+            + if is_path_traced { PATH_TRACED } else { 0 };
         let mut frame = frame(*size, *spp, run.seed.unwrap_or(seed), image, bytes)
             .map_err(|error| error.in_file_if_none(&self.arguments.scene))?;
         if spp.or(image.samples).is_none() && self.arguments.error.is_none() {
@@ -117,13 +120,11 @@ impl Run<'_> {
             frame.samples = scene.affordable(pixels, frame.samples);
             frame.in_one_round = scene.is_crowded();
         }
-        let is_path_traced = self.arguments.shading.contains(&ShadingName::Path);
         if is_path_traced && self.arguments.error_image.is_some() && !frame.tells_errors() {
-            return Err(Error::new(format!(
-                "{} samples per pixel do not tell the errors of path-traced pictures",
-                frame.samples
-            ))
-            .remedy("take 4 or more with --spp, or leave --error-image out"));
+            return Err(Error::new(
+                "the errors of path-traced pictures are not known with fewer than 4 samples per pixel",
+            )
+            .remedy("take more with --spp, or leave out --error-image or path"));
         }
         Ok(Frame {
             background: *background,
@@ -171,8 +172,15 @@ impl Run<'_> {
         let files = pictures.iter().map(|picture| picture.path.as_path()).chain(errors);
         let is_given = matches!(arguments.exposure, Some(Exposure::Factor(_)))
             || solution.image.exposure.is_some();
+        // Paths are noisy, and what is asked for is asked of gathered pictures.
+        let largest = |shading| {
+            let drawn =
+                pictures.iter().zip(&images).filter(|(picture, _)| picture.shading == shading);
+            drawn.filter_map(|(_, image)| image.relative_error()).reduce(f32::max)
+        };
+        let picture_error = largest(ShadingName::Gather).or_else(|| largest(ShadingName::Path));
         let report = Report {
-            picture_error: images.iter().filter_map(Image::relative_error).reduce(f32::max),
+            picture_error,
             exposure: Some(exposures[0]),
             automatic_exposure: !is_given,
             rays: light_rays + images.iter().map(|image| image.rays).sum::<u64>(),
@@ -204,10 +212,7 @@ impl Run<'_> {
             return Ok(ExitCode::from(signals::exit_code()));
         }
         partials(pictures).iter().for_each(Partial::remove);
-        let gathered =
-            pictures.iter().zip(&images).filter(|(p, _)| p.shading == ShadingName::Gather);
-        let error = gathered.filter_map(|(_, image)| image.relative_error()).reduce(f32::max);
-        warn(missed(arguments.error, error).as_slice());
+        warn(missed(arguments.error, picture_error).as_slice());
         say(&report.to_text())?;
         Ok(ExitCode::SUCCESS)
     }
@@ -216,6 +221,9 @@ impl Run<'_> {
 /// Bytes per pixel that a picture takes: an image, its values in the order of the file, and the file, whose bytes
 /// are a list that grows by doubling.
 const DRAWN: u64 = 64;
+
+/// Bytes per pixel that the errors of path-traced pictures take, beyond the pictures.
+const PATH_TRACED: u64 = 96;
 
 /// Bytes per pixel that gathering takes, with the two spots that some pixels have.
 const GATHERED: u64 = 750;

@@ -45,8 +45,8 @@ pub(super) struct Report {
     pub imbalance: f64,
     /// How far that may be off: see [`Misfit`].
     pub misfit: Misfit,
-    /// The root mean square of the relative standard errors of the pixels, the largest of all gathered pictures; `null`
-    /// where there is none.
+    /// The root mean square of the relative standard errors of the pixels, the largest of all gathered pictures, or else
+    /// of those by paths; `null` where there is none.
     pub picture_error: Option<f32>,
     /// That of the first picture; `null` where nothing was drawn.
     pub exposure: Option<f32>,

@@ -80,10 +80,10 @@ impl Destination {
                     .remedy("let the shell open it for writing, or name a file")
             }),
             Destination::Stream if !may_be_written(path) => {
-                Err(Error::new("this may not be written to")
+                Err(Error::new("there is no permission to write to this")
                     .of_kind(ErrorKind::System)
                     .in_file(path)
-                    .remedy("allow writing, or name a file"))
+                    .remedy("allow it, or name a file"))
             }
             _ => Ok(()),
         }
@@ -117,7 +117,7 @@ pub(crate) fn write_patiently(out: &mut impl Write, mut bytes: &[u8]) -> io::Res
 fn patiently<T>(mut attempt: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     loop {
         match attempt() {
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => sleep(PATIENCE),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => sleep(PAUSE),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             result => return result,
         }
@@ -125,7 +125,7 @@ fn patiently<T>(mut attempt: impl FnMut() -> io::Result<T>) -> io::Result<T> {
 }
 
 /// Between two attempts.
-const PATIENCE: Duration = Duration::from_millis(1);
+const PAUSE: Duration = Duration::from_millis(1);
 
 /// Whether the system lets this process write to what is there already.
 #[cfg(target_os = "linux")]

@@ -10,6 +10,8 @@
 //!            +------ u
 //! ```
 
+use crate::geometry::triangle::MAX_LEVEL;
+
 /// A patch within its triangle: lattice cell (i, j) of n rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Cell {
@@ -23,8 +25,9 @@ impl Cell {
     #[inline]
     pub fn containing(level: u32, u: f32, v: f32) -> (Cell, f32, f32) {
         let n = 1u32 << level;
-        // Scaling by a power of two is exact; the clamps catch u + v rounded past 1. `max` and `min` would ask
-        // for NaN, and a conversion to 32 bits for what does not fit: levels end far below 16 bits.
+        // Scaling by a power of two is exact; the clamps catch u + v rounded past 1. `max` and `min` would check
+        // for NaN, and a conversion to 32 bits for numbers that are too large.
+        const { assert!(MAX_LEVEL < u16::BITS, "a row's number fits") };
         let above_zero = |x: f32| if x > 0.0 { x } else { 0.0 };
         let below_one = |x: f32| if x < 1.0 { x } else { 1.0 };
         let (x, y) = (above_zero(u) * n as f32, above_zero(v) * n as f32);

@@ -36,6 +36,9 @@ pub(crate) struct Paths<'a> {
 /// Bounces after which no path is ended by chance: most of the light comes over these.
 const CERTAIN: u32 = 3;
 
+/// Where all light is reflected a path would go on for ever.
+const MOST_SURVIVAL: f32 = 0.95;
+
 /// A path on its way.
 struct Walk {
     /// The number of its start.
@@ -219,9 +222,10 @@ impl Walk {
         self.normal = side.normal;
     }
 
-    /// Russian roulette: ends the path with the probability that keeps its weight near 1, by a number in [0, 1).
+    /// Russian roulette: ends the path with the probability that keeps its weight near 1, but now and then whatever its
+    /// weight is, by a number in [0, 1).
     fn survives(&mut self, number: f32) -> bool {
-        let survival = self.weight.max_element().min(1.0);
+        let survival = self.weight.max_element().min(MOST_SURVIVAL);
         self.weight /= survival;
         number < survival
     }

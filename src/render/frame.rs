@@ -57,7 +57,7 @@ impl Frame {
         y as u64 * self.width as u64 + x as u64
     }
 
-    /// Whether each quarter of a pixel's samples has one, without which nothing is known of the pixel's error.
+    /// Whether a pixel has a sample in each quarter of them. Without that nothing is known of its error.
     pub(crate) fn tells_errors(&self) -> bool {
         self.samples >= QUARTERS as u32
     }

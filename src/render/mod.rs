@@ -91,7 +91,7 @@ pub fn render(
     );
     progress.end();
     let is_transparent = frame.background == Some(Background::Transparent);
-    let has_errors = |field: &dyn IrradianceField| field.is_noisy() && frame.tells_errors();
+    let has_errors = |field: &dyn IrradianceField| tells_errors(field, frame) && !rows.is_empty();
     let image = |field: usize| {
         let pixels = || rows.iter().skip(field).step_by(fields.len());
         let coverage = || pixels().map(|p| p.coverage).collect();
@@ -128,6 +128,11 @@ pub fn pixel(
     pixel[0].radiance
 }
 
+/// Whether the samples of a pixel tell how far off their mean is.
+fn tells_errors(field: &dyn IrradianceField, frame: &Frame) -> bool {
+    field.is_noisy() && frame.tells_errors()
+}
+
 /// Everything that the pixels of a picture have in common.
 struct Shot<'a> {
     eye: Eye<'a>,
@@ -140,7 +145,7 @@ struct Pixel {
     radiance: Rgb,
     reflecting: f32,
     coverage: f32,
-    /// The mean luminance of each quarter of the samples, where the field is noisy.
+    /// The mean luminance of each quarter of the samples, where these tell an error.
     quarters: [f32; QUARTERS],
 }
 
@@ -165,10 +170,11 @@ impl<'m> Work<'m> {
         for (number, field) in fields.iter().enumerate() {
             field.irradiance(eye.caster, &self.samples.points, &mut self.irradiance);
             let of_field = pixels.iter_mut().skip(number).step_by(fields.len());
+            let is_noisy = tells_errors(*field, eye.frame);
             if eye.mesh.varies() {
-                self.shade(eye, of_field, field.is_noisy(), |k| self.samples.looks[k]);
+                self.shade(eye, of_field, is_noisy, |k| self.samples.looks[k]);
             } else {
-                self.shade(eye, of_field, field.is_noisy(), |k| self.samples.plain_look(eye, k));
+                self.shade(eye, of_field, is_noisy, |k| self.samples.plain_look(eye, k));
             }
         }
     }

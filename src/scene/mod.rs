@@ -187,7 +187,8 @@ impl Scene {
         let origin = origin_of(&model.positions);
         if origin != DVec3::ZERO {
             warnings.push(Warning::new(format!(
-                "the coordinates are large: computed relative to {}, {}, {}, and given back as they are",
+                "the coordinates are large beside the scene's size: computed relative to {}, {}, {}, and given back as \
+                 they are",
                 origin.x, origin.y, origin.z
             )));
         }
@@ -420,7 +421,8 @@ fn origin_of(positions: &[DVec3]) -> DVec3 {
     }
     // Ten to thirty times the size: with a round number the file's decimals stay what they are.
     let step = 10f64.powf((10.0 * size).log10().ceil());
-    (0.5 * (min + max) / step).round() * step
+    // Adding zero makes −0 equal to 0.
+    (0.5 * (min + max) / step).round() * step + DVec3::ZERO
 }
 
 /// Times its own size: farther away from the origin a scene is moved.

@@ -74,6 +74,12 @@ mod tests {
             ("a.obj", b"PK\x03\x04", "this is a ZIP archive", "unpack it"),
             ("a.obj", b"Kaydara FBX Binary  \0", "this is an FBX model", "glTF (.glb)"),
             ("a.obj", b"; FBX 7.3.0 project file", "this is an FBX model", "glTF (.glb)"),
+            (
+                "a.glb",
+                b"version https://git-lfs.github.com/spec/v1\n",
+                "this is a pointer",
+                "git lfs pull",
+            ),
             ("a.ply", b"BLENDER-v300", "this is a Blender file", "glTF (.glb)"),
             ("a.ply", b"<?xml version=\"1.0\"?>\n<COLLADA>", "this is a COLLADA model", "glTF"),
             ("a.fbx", b"Kaydara FBX Binary  \0", "this is an FBX model", "glTF (.glb)"),

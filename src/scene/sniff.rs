@@ -35,7 +35,7 @@ const GLTF: Content = read("a glTF model", &["gltf", "glb"]);
 const STL: Content = read("an STL model", &["stl"]);
 
 /// By the first bytes.
-const MAGIC: [(&[u8], Content); 13] = [
+const MAGIC: [(&[u8], Content); 14] = [
     (b"glTF", read("a binary glTF model", &["glb", "gltf"])),
     (b"ply\n", read("a PLY model", &["ply"])),
     (b"ply\r", read("a PLY model", &["ply"])),
@@ -55,6 +55,14 @@ const MAGIC: [(&[u8], Content); 13] = [
             name: "a gzip archive",
             endings: &[],
             remedy: "unpack it, and name the model in it",
+        },
+    ),
+    (
+        b"version https://git-lfs",
+        Content {
+            name: "a pointer of Git LFS",
+            endings: &[],
+            remedy: "fetch the file itself with `git lfs pull`",
         },
     ),
     (b"Kaydara FBX", foreign("an FBX model")),

@@ -210,7 +210,8 @@ fn ends(corners: &[[VertexId; 3]], half: HalfNumber) -> (VertexId, VertexId) {
 fn sorted_half_edges(corners: &[[VertexId; 3]], vertex_count: usize) -> Vec<HalfNumber> {
     let lower = |half| ends(corners, half).0.0 as usize;
     let mut sorted = binned(3 * corners.len() as HalfNumber, vertex_count, lower);
-    let bins = sorted.par_chunk_by_mut(|a, b| lower(*a) == lower(*b));
+    // Not in parallel: a thread that waits for others may be given work that asks for these very edges.
+    let bins = sorted.chunk_by_mut(|a, b| lower(*a) == lower(*b));
     bins.for_each(|bin| bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half)));
     sorted
 }

@@ -323,3 +323,21 @@ fn a_file_beside_the_model_that_memory_is_short_for_is_an_error_and_no_warning()
     let (code, text) = said(&folder, &["info", "library.obj"]);
     assert!(code == Some(0) && text.contains("warning"), "{text}");
 }
+
+#[test]
+fn paths_end_where_all_light_is_reflected() {
+    let folder = folder();
+    let white = "newmtl w\nKd 1 1 1\n";
+    let room = "mtllib w.mtl\nusemtl w\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n\
+                f 1 2 3 4\nf 8 7 6 5\nf 5 6 2 1\nf 6 7 3 2\nf 7 8 4 3\nf 8 5 1 4\n";
+    fs::write(folder.path().join("w.mtl"), white).expect("a file");
+    fs::write(folder.path().join("w.obj"), room).expect("a file");
+    let mut command = assert_cmd::Command::cargo_bin("isolux").expect("the program is built");
+    let inside = ["--position", "0.4,0.5,0.6", "--look-at", "1,0.3,0.2", "--size", "8x8"];
+    let run = command
+        .current_dir(folder.path())
+        .args(["render", "w.obj", "-o", "w.png", "--shading", "path,gather", "--levels", "0"])
+        .args(inside)
+        .timeout(std::time::Duration::from_secs(60));
+    run.assert().success();
+}

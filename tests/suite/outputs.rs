@@ -199,7 +199,7 @@ fn a_pipe_that_does_not_wait_gets_the_whole_picture() {
         .stdout(writer)
         .spawn()
         .expect("it runs");
-    std::thread::sleep(std::time::Duration::from_millis(300));
+    std::thread::sleep(std::time::Duration::from_millis(1000));
     let mut got = Vec::new();
     reader.read_to_end(&mut got).expect("bytes");
     assert!(child.wait().expect("it ends").success());

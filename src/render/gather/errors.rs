@@ -11,14 +11,23 @@ use std::f32::consts::PI;
 
 type Spread = crate::sampling::Spread<LEVELS_OF_QUARTERS>;
 
-/// The standard error of each pixel's luminance, from its mean and the means of each quarter of its samples. Row by
+/// The standard error of each pixel's luminance, from its mean and the means of each quarter of its samples, row by
 /// row.
 pub(in crate::render) fn of_quarters(
     width: usize,
-    pixels: impl Iterator<Item = (f32, [f32; QUARTERS])>,
+    pixels: impl Iterator<Item = (f32, [f32; QUARTERS])> + Clone,
 ) -> Vec<f32> {
-    let pixel = |(mean, quarters)| Pixel { mean, sharp: Spread::of(quarters), ..Pixel::default() };
-    Errors::new(width, pixels.map(pixel).collect()).absolute()
+    let (mut sum, mut count) = (0.0, 0);
+    pixels.clone().for_each(|(mean, _)| (sum, count) = (sum + mean as f64, count + 1));
+    // Squares of very dim light would be 0.
+    let unit = if sum > 0.0 { (sum / count as f64) as f32 } else { 1.0 };
+    let pixel = |(mean, quarters): (f32, [f32; QUARTERS])| Pixel {
+        mean: mean / unit,
+        sharp: Spread::of(quarters.map(|quarter| quarter / unit)),
+        ..Pixel::default()
+    };
+    let errors = Errors::new(width, pixels.map(pixel).collect());
+    errors.absolute().into_iter().map(|error| error * unit).collect()
 }
 
 /// The errors of a picture's pixels. Where they are relative, it is to a pixel's luminance and [`DARK`] of the

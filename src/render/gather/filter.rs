@@ -28,6 +28,9 @@ const COST_OF_NOISE: f32 = 2.5;
 /// How fast the variance of the light falls, as if its rays were independent: where it falls faster, one ray among
 /// them that meets bright light would seem too sure.
 const GAIN: f32 = 2.0;
+/// How much larger than the blocks of a spot's rays say its variance may be. The points of one sequence that it has may
+/// lie alike in all blocks, and unlike those of the pixels around.
+const MOST_BEYOND: f32 = 4.0;
 /// Beyond this radius every other pixel is looked at.
 const DENSE: i32 = 4;
 /// Spots whose normals differ by more are of another surface: 45°.
@@ -96,8 +99,41 @@ impl Light {
 #[derive(Clone, Copy, Default)]
 struct Models {
     light: [Light; RADII.len()],
-    /// Stein's estimates of the squared error, each too large by the same number, which is the variance.
-    risk: [f32; RADII.len()],
+    risks: Risks,
+}
+
+/// What Stein's estimates of the squared error are made from, each of which is too large by the same number, the variance.
+#[derive(Clone, Copy, Default)]
+struct Risks {
+    /// How far each model is from the light that was found, squared.
+    distance: [f32; RADII.len()],
+    /// The part of the light's variance that is in each model, by the blocks of its rays.
+    noise: [f32; RADII.len()],
+}
+
+impl Risks {
+    fn add(&mut self, weight: f32, other: &Risks) {
+        let add = |to: &mut [f32], from: &[f32]| {
+            to.iter_mut().zip(from).for_each(|(sum, x)| *sum += weight * x)
+        };
+        add(&mut self.distance, &other.distance);
+        add(&mut self.noise, &other.noise);
+    }
+
+    /// How many times the variance that the blocks tell is what the narrowest window leaves over.
+    fn beyond(&self) -> f32 {
+        let beyond = self.distance[1] / (self.noise[0] - self.noise[1]);
+        // It is no number where there is neither noise nor distance.
+        if beyond > 1.0 { beyond.min(MOST_BEYOND) } else { 1.0 }
+    }
+
+    /// The number of the window with the least risk.
+    fn least(&self) -> usize {
+        let cost = COST_OF_NOISE * self.beyond();
+        let risk = |number: usize| self.distance[number] + cost * self.noise[number];
+        let least = (0..RADII.len()).min_by(|&a, &b| risk(a).total_cmp(&risk(b)));
+        least.expect("there are some")
+    }
 }
 
 impl Filter {
@@ -130,14 +166,12 @@ impl Filter {
         let models = self
             .of_all_spots(|pixel, spot| dispatch!(level, simd => self.models(simd, pixel, spot)));
         let chosen = self.of_all_spots(|pixel, spot| {
-            let mut risk = [0.0; RADII.len()];
+            let mut risks = Risks::default();
             self.for_each_neighbour(pixel, spot, 0..=AROUND, |_, k| {
                 // In the pixel's light. A spot of one ray would say the most otherwise, and knows no variance.
-                let weight = self.spots[k].weight.powi(2);
-                risk.iter_mut().zip(models[k].risk).for_each(|(sum, risk)| *sum += weight * risk);
+                risks.add(self.spots[k].weight.powi(2), &models[k].risks);
             });
-            let best = (0..RADII.len()).min_by(|&a, &b| risk[a].total_cmp(&risk[b]));
-            let best = best.expect("there are some");
+            let best = risks.least();
             (models[spot].light[best], RADII[best])
         });
         self.of_all_spots(|pixel, spot| {
@@ -237,8 +271,10 @@ impl Filter {
                 if radius == 0 { (centre.light, 1.0) } else { sums.at_centre(centre.weight) };
             models.light[number] = light;
             // Towards a horizon a plane may be too long for the sums.
-            models.risk[number] = if (0.0..=1.0).contains(&share) {
-                (luminance(light.irradiance()) - own).powi(2) + COST_OF_NOISE * share * variance
+            let is_possible = (0.0..=1.0).contains(&share);
+            models.risks.noise[number] = if is_possible { share } else { 1.0 } * variance;
+            models.risks.distance[number] = if is_possible {
+                (luminance(light.irradiance()) - own).powi(2)
             } else {
                 f32::INFINITY
             };
@@ -392,6 +428,18 @@ mod tests {
             let after = squares(filter.filtered().iter().map(|v| v.irradiance().x).collect());
             assert!(after < 1.05 * before, "{noise_of_light}: {before} and {after}");
         }
+    }
+
+    #[test]
+    fn noise_that_the_blocks_of_a_spot_have_in_common_is_averaged_away() {
+        // Its variance is two thirds of the whole, and no block tells of it.
+        let shared = |x: usize, y: usize| 0.212 * noise(x + SIZE, y + SIZE)[0];
+        let quarters = |x, y| noise(x, y).map(|n| 3.0 + shared(x, y) + 0.3 * n);
+        let filter = filter(|x, y| (Vec3::Z, quarters(x, y)));
+        let squares = |light: Vec<f32>| light.iter().map(|x| (x - 3.0).powi(2)).sum::<f32>();
+        let before = squares(filter.spots.iter().map(|s| s.light.irradiance().x).collect());
+        let after = squares(filter.filtered().iter().map(|v| v.irradiance().x).collect());
+        assert!(after < 0.1 * before, "{before} and {after}");
     }
 
     #[test]

@@ -30,7 +30,9 @@ impl MapLine {
                     clamped = word(after).0.eq_ignore_ascii_case("on");
                     word(after).1
                 }
-                "-blendu" | "-blendv" | "-cc" | "-imfchan" | "-type" => word(after).1,
+                "-blendu" | "-blendv" | "-cc" | "-colorspace" | "-imfchan" | "-type" => {
+                    word(after).1
+                }
                 // A name that begins with a hyphen.
                 _ => break,
             };
@@ -83,7 +85,7 @@ mod tests {
     #[test]
     fn options_without_a_use_are_skipped() {
         let all = "-blendu on -blendv off -boost 1.5 -mm 0 1 -t 1 1 1 -texres 512 -cc on -bm 0.2 \
-                   -imfchan r -type sphere";
+                   -imfchan r -type sphere -colorspace sRGB";
         let map = parse(&format!("{all} -clamp off C:\\maps\\wood 1.jpg"));
         assert_eq!((map.name.as_str(), map.clamped), ("C:\\maps\\wood 1.jpg", false));
         assert_eq!(map.transform, Affine2::IDENTITY);

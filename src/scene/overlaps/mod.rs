@@ -115,7 +115,7 @@ struct Surfaces {
     material_of: Vec<MaterialId>,
 }
 
-/// Who asks for the bounds alone waits for no normal where this is inlined.
+// Inlined, so that no normal is computed where the bounds alone are asked for.
 #[inline]
 fn flat_of(triangle: &Triangle) -> Flat {
     Flat { bounds: padded(triangle), normal: triangle.normal() }

@@ -49,12 +49,12 @@ fn split(bytes: &[u8]) -> Result<(Vec<String>, &[u8])> {
     let mut lines = Vec::new();
     let mut rest = bytes;
     while let Some(end) = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')) {
-        let line = String::from_utf8_lossy(&rest[..end]).trim_end().to_owned();
+        let line = String::from_utf8_lossy(&rest[..end]).trim().to_owned();
         let ending = if rest[end..].starts_with(b"\r\n") { 2 } else { 1 };
         rest = &rest[end + ending..];
         let last = line == "end_header";
         // Some programs write comments without the word.
-        let keyword = line.split(' ').next().unwrap_or_default();
+        let keyword = line.split_whitespace().next().unwrap_or_default();
         lines.push(if KEYWORDS.contains(&keyword) { line } else { "comment".to_owned() });
         if last {
             return Ok((lines, rest));

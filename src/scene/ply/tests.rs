@@ -7,7 +7,7 @@ fn load_bytes(bytes: &[u8]) -> Loaded {
 }
 
 /// A square of red, green, blue and white corners, and a triangle on it.
-const HEADER: &str = "Created by Blender3D 247\ncomment caf\u{e9}\nobj_info x\nelement vertex 4\nproperty double x\nproperty float y\n\
+const HEADER: &str = "Created by Blender3D 247\ncomment caf\u{e9}\nobj_info x\n element vertex 4\nproperty double x\nproperty float y\n\
     property short z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n\
     property float s\nproperty float t\nelement edge 1\nproperty int vertex1\n\
     element face 2\nproperty list uchar int vertex_indices\nproperty uchar flags\nend_header\n";
