@@ -83,7 +83,7 @@ const CERTIFICATE: u64 = 0x6365_7274;
 
 const SEAL: Seal = Seal {
     magic: b"isolux light\n",
-    version: 5,
+    version: 6,
     name: "light file",
     command: "isolux solve SCENE -o ROOM.light",
 };

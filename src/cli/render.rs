@@ -93,6 +93,7 @@ impl Run<'_> {
         inputs.extend(&scene.files);
         check_overwriting(arguments, &self.pictures, &inputs)?;
         warn(&scene.warnings);
+        warn(self.camera_of_a_file(&document, &scene).as_slice());
         let frame = self.frame(&document.image, &scene, Settings::SEED)?;
         let load = self.start.elapsed();
         let settings = arguments.light.settings(arguments.run.seed);
@@ -102,6 +103,23 @@ impl Run<'_> {
         let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
         let seconds = Seconds::new(load, build, &spent);
         self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
+    }
+
+    /// Says so if a model file's own camera sees the picture.
+    fn camera_of_a_file(&self, document: &Document, scene: &Scene) -> Option<Warning> {
+        let (first, _) = scene.views.first()?;
+        let is_chosen = self.camera.is_some() || document.camera.is_some();
+        if is_chosen || !self.arguments.look.view.is_empty() {
+            return None;
+        }
+        let others = match scene.views.len() {
+            1 => String::new(),
+            count => format!("--view, it has {count}; or "),
+        };
+        let text = format!(
+            "seen by the model's camera {first} (another: {others}--position and --look-at)"
+        );
+        Some(Warning::new(text))
     }
 
     /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, and no more where they

@@ -24,8 +24,8 @@ pub struct Image {
     pub width: u32,
     pub height: u32,
     pub pixels: Vec<Rgb>,
-    /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit; 0 where there
-    /// are none. An exposure is found from these.
+    /// Per pixel, the mean luminance of its samples on surfaces that reflect more than they emit, as if none of them
+    /// were darker than a fifth; 0 where there are none. An exposure is found from these.
     pub reflecting: Vec<f32>,
     /// Rays that were traced for it; 0 if they were counted with another picture.
     pub rays: u64,
@@ -196,10 +196,11 @@ impl<'m> Work<'m> {
             let (mut reflecting, mut count) = (Rgb::ZERO, 0);
             let of_pixel = first..first + tally.points;
             for k in of_pixel.clone() {
-                let (emitted, reflected) = self.light_of(k, look(k));
+                let look = look(k);
+                let (emitted, reflected) = self.light_of(k, look);
                 sum += emitted + reflected;
                 if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
-                    reflecting += emitted + reflected;
+                    reflecting += emitted + reflected * tone::lift(look.reflectance);
                     count += 1;
                 }
             }

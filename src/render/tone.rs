@@ -21,6 +21,15 @@ pub(crate) fn automatic_exposure(images: &[&Image]) -> f32 {
     (0.8 / *bright).min(f32::MAX)
 }
 
+/// By how much the light that a surface reflects counts more for the exposure: a dark surface counts as if it
+/// reflected a fifth. What is black then looks black, and what is behind it does not burn out.
+pub(crate) fn lift(reflectance: Rgb) -> f32 {
+    let reflectance = luminance(reflectance);
+    if reflectance >= DARKEST { 1.0 } else { DARKEST / reflectance.max(1e-6) }
+}
+
+const DARKEST: f32 = 0.2;
+
 /// 8-bit sRGB, three bytes per pixel.
 pub(crate) fn to_srgb(image: &Image, exposure: f32) -> Vec<u8> {
     image.pixels.iter().flat_map(|p| bytes(*p * exposure)).collect()

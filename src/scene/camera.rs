@@ -17,8 +17,10 @@ pub struct Camera {
     forward: Vec3,
     right: Vec3,
     up: Vec3,
-    /// Half the image plane's height at unit distance.
+    /// Half the image plane's height at unit distance, in images that are at least `full_aspect` times as wide as
+    /// high. Narrower ones show more above and below, so that nothing is cut off at their sides.
     half_height: f32,
+    full_aspect: f32,
     /// Rays start at this depth along the axis.
     near: f32,
 }
@@ -81,8 +83,14 @@ impl Camera {
             right,
             up: right.cross(forward),
             half_height: (0.5 * vertical_fov.to_radians()).tan(),
+            full_aspect: 0.0,
             near,
         })
+    }
+
+    /// As this camera, for images of which each must show all that one shows that is `aspect` times as wide as high.
+    pub(crate) fn composed_for(&self, aspect: f32) -> Camera {
+        Camera { full_aspect: aspect, ..self.clone() }
     }
 
     /// The same camera for a scene whose origin is this place in the model files' coordinates.
@@ -103,6 +111,8 @@ impl Camera {
             && directions.iter().all(|d| d.is_normalized())
             && self.half_height > 0.0
             && self.half_height.is_finite()
+            && self.full_aspect >= 0.0
+            && self.full_aspect.is_finite()
             && self.near >= 0.0
             && self.near.is_finite()
     }
@@ -111,8 +121,9 @@ impl Camera {
     /// is the depth along the axis.
     #[inline(always)]
     pub fn ray(&self, x: f32, y: f32, aspect: f32) -> Ray {
-        let across = (2.0 * x - 1.0) * self.half_height * aspect;
-        let upward = (1.0 - 2.0 * y) * self.half_height;
+        let half_height = self.half_height * (self.full_aspect / aspect).max(1.0);
+        let across = (2.0 * x - 1.0) * half_height * aspect;
+        let upward = (1.0 - 2.0 * y) * half_height;
         let direction = self.forward + self.right * across + self.up * upward;
         Ray { t_min: self.near, ..Ray::new(self.eye, direction) }
     }
@@ -135,6 +146,15 @@ mod tests {
         assert!((ray.direction - Vec3::new(2.0, 1.0, 1.0)).length() < 1e-6);
         assert_eq!(ray.t_min, 2.0);
         assert_eq!(camera.ray(0.5, 0.5, 2.0).direction, Vec3::Z);
+    }
+
+    #[test]
+    fn an_image_narrower_than_the_camera_was_composed_for_keeps_its_sides() {
+        let camera = Camera::new(Vec3::ZERO, Vec3::Z, Vec3::Y, 90.0, 2.0).expect("a good camera");
+        let wide = camera.composed_for(2.0);
+        assert_eq!(wide.ray(0.0, 0.0, 2.0), camera.ray(0.0, 0.0, 2.0));
+        assert_eq!(wide.ray(0.0, 0.0, 4.0), camera.ray(0.0, 0.0, 4.0));
+        assert!((wide.ray(0.0, 0.0, 1.0).direction - Vec3::new(2.0, 2.0, 1.0)).length() < 1e-6);
     }
 
     #[test]

@@ -206,10 +206,6 @@ impl Scene {
         if description.camera.is_none() && scene.views.is_empty() && scene.up != Camera::USUAL_UP {
             warnings.push(upright::said(scene.up));
         }
-        // A model's visor or display glows, and lights nothing else.
-        let only_glows = has_surroundings && !description.names_lamps() && !scene.shines();
-        let is_lit = scene.emits() && !only_glows;
-        scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
         scene.metres_per_unit = description.metres_per_unit;
         if scene.degenerate > 0 {
             warnings.push(Warning::new(format!(
@@ -218,14 +214,18 @@ impl Scene {
                 scene.degenerate + scene.triangles.len()
             )));
         }
-        scene.background = scene.sky;
-        if description.sky.is_none() && scene.sky != Rgb::ZERO {
-            scene.background *= BEHIND_ASSUMED_SKY;
-            warnings.push(nothing_emits(&scene));
-        }
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
+        // A model's visor or display glows, and lights nothing else.
+        let only_glows = has_surroundings && !description.names_lamps() && !scene.shines();
+        let is_lit = scene.emits() && !only_glows;
+        scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
+        scene.background = scene.sky;
+        if description.sky.is_none() && scene.sky != Rgb::ZERO {
+            scene.background *= BEHIND_ASSUMED_SKY;
+            scene.warnings.push(nothing_emits(&scene));
+        }
         scene.warnings.extend(scene.overlap_warnings());
         scene.warnings.extend(scene.crowding_warning());
         Ok(scene)

@@ -81,7 +81,7 @@ pub(super) struct Whole {
 
 const SEAL: Seal = Seal {
     magic: b"isolux part\n",
-    version: 1,
+    version: 2,
     name: "part file",
     command: "isolux solve SCENE --part k/N -o NAME.part",
 };

@@ -123,7 +123,7 @@ impl Picture {
             for (spot, soft) in spots.iter().zip(&mut soft) {
                 let reflected = spot.reflectance() * soft.irradiance() / PI;
                 sum += reflected;
-                reflecting += luminance(reflected);
+                reflecting += luminance(reflected) * spot.lift();
             }
             image.pixels.push(sum / sharp.samples);
             let is_lamp = sharp.reflecting_samples == 0.0;

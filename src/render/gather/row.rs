@@ -3,6 +3,7 @@
 use super::spot::Spot;
 use crate::color::{Rgb, luminance};
 use crate::patches::Look;
+use crate::render::tone;
 use crate::sampling::{QUARTERS, paired};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
@@ -73,7 +74,7 @@ impl Sharp {
         let soft = soft.iter().copied().sum::<Rgb>() / soft.len() as f32;
         let reflected = direct + look.reflectance * soft / PI;
         if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
-            self.reflecting += luminance(emitted + direct);
+            self.reflecting += luminance(emitted + direct * tone::lift(look.reflectance));
             self.reflecting_samples += 1.0;
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::color::{Rgb, luminance};
 use crate::patches::SurfacePoint;
+use crate::render::tone;
 use crate::sampling::{QUARTERS, paired};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -80,6 +81,11 @@ impl Spot {
     }
 
     /// The luminance of Σρ by quarters of the samples.
+    /// How much more its light counts for the exposure.
+    pub(super) fn lift(&self) -> f32 {
+        tone::lift(self.reflectance / self.samples)
+    }
+
     pub(super) fn reflecting(&self) -> [f32; QUARTERS] {
         self.reflecting
     }

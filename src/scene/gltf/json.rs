@@ -103,11 +103,13 @@ pub(super) struct Camera {
 }
 
 #[derive(Debug, Default, Deserialize)]
-#[serde(default)]
+#[serde(default, rename_all = "camelCase")]
 pub(super) struct Perspective {
     /// Vertical, in radians.
     pub yfov: f64,
     pub znear: f64,
+    /// Width over height.
+    pub aspect_ratio: f64,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -135,7 +135,10 @@ fn camera(json: &json::Camera, world: &DAffine3) -> Option<Camera> {
     let step = world.translation.abs().max_element().max(1.0);
     let target = (world.translation + forward * step).as_vec3();
     let near = perspective.znear.max(0.0) as f32;
-    Camera::new(position, target, up.as_vec3(), perspective.yfov.to_degrees() as f32, near).ok()
+    let fov = perspective.yfov.to_degrees() as f32;
+    let camera = Camera::new(position, target, up.as_vec3(), fov, near).ok()?;
+    let aspect = perspective.aspect_ratio as f32;
+    Some(if (0.01..=100.0).contains(&aspect) { camera.composed_for(aspect) } else { camera })
 }
 
 fn view_name(name: &str) -> String {
