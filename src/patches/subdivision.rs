@@ -103,9 +103,11 @@ fn shortest_edge_for(edges: &[f64], areas: &[f64], most: usize) -> f64 {
         edges.iter().zip(areas).map(of_triangle).sum()
     };
     let longest = edges.iter().copied().fold(0.0, f64::max);
-    // At twice the length all triangles can be put together.
-    let (mut too_short, mut good) = (longest / (1u64 << MAX_LEVEL) as f64, longest / CUBE);
-    // Thirteen octaves, halved 24 times, are known to a millionth.
+    let area: f64 = areas.iter().sum();
+    // With a cube that all triangles fit into, and as large as an even share of the area, there are few enough.
+    let widest = longest.max((2.0 * area / most as f64).sqrt());
+    let (mut too_short, mut good) = (longest / (1u64 << MAX_LEVEL) as f64, widest / CUBE);
+    // Some thirteen octaves, halved 24 times, are known to a millionth.
     for _ in 0..24 {
         let middle = (too_short * good).sqrt();
         if patches(middle) <= most as f64 {
@@ -120,6 +122,7 @@ fn shortest_edge_for(edges: &[f64], areas: &[f64], most: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::shapes;
     use crate::patches::PatchMesh;
     use crate::patches::tests::{one_triangle, scene};
     use glam::Vec3;
@@ -134,6 +137,15 @@ mod tests {
         assert_eq!(mesh.sides().iter().map(|s| s.level).collect::<Vec<_>>(), [3, 0]);
         let mesh = PatchMesh::subdivide(&scene, Subdivision::Count(300)).unwrap();
         assert!(mesh.len() <= 300 && mesh.len() > 75, "{}", mesh.len());
+    }
+
+    /// A surface of many triangles that are all alike: none is longer than the others, and each cube holds many.
+    #[test]
+    fn the_number_of_patches_does_not_follow_triangles_that_are_alike() {
+        let scene = scene(shapes::icosphere(6), false);
+        let mesh = PatchMesh::subdivide(&scene, Subdivision::Count(1000)).unwrap();
+        assert_eq!(scene.triangles.len(), 81920);
+        assert!((500..2000).contains(&mesh.len()), "{}", mesh.len());
     }
 
     #[test]
