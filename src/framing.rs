@@ -11,6 +11,8 @@ use glam::Vec3;
 
 const FOV_OUTSIDE: f32 = 40.0;
 const FOV_INSIDE: f32 = 80.0;
+/// A view that shows this share of what another does is about as good.
+const ABOUT: f64 = 0.75;
 /// Room around what is seen whole.
 const MARGIN: f32 = 1.06;
 
@@ -37,19 +39,31 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
         let best = views.iter().rev().max_by_key(|(seen, _)| count(seen));
         best.cloned().expect("there are always candidates")
     };
+    let dark = |(seen, _): &(Seen, Camera), count: fn(&Seen) -> usize| {
+        (seen.hits - count(seen)) as f64 / seen.hits.max(1) as f64
+    };
+    // The first that is about as good as the best: views from the front come first.
+    let foremost = |views: &[(Seen, Camera)], count: fn(&Seen) -> usize| {
+        let best = best(views, count);
+        let is_good = |view: &&(Seen, Camera)| {
+            count(&view.0) as f64 >= ABOUT * count(&best.0) as f64
+                && dark(view, count) <= dark(&best, count) + 0.1
+        };
+        views.iter().find(is_good).cloned().unwrap_or(best)
+    };
+    let is_drawing = frame.is_drawing(&bounds);
     let mostly = |part: usize, of: usize| 2 * part >= of && of > 0;
     // First by the fronts that are seen; if no view shows any to speak of, by what reflects at all.
     let counts: [fn(&Seen) -> usize; 2] = [|seen| seen.fronts, |seen| seen.lit];
     let found = counts.into_iter().find_map(|count| {
-        let [corner, straight] = [best(&corners, count), best(&straight, count)];
+        let [corner, straight] = [foremost(&corners, count), foremost(&straight, count)];
         let inside = best(&inside, count);
         let from_outside = |(seen, _): &(Seen, Camera)| mostly(count(seen), seen.hits);
         let from_inside = |(seen, _): &(Seen, Camera)| mostly(count(seen), GRID * GRID);
-        let dark =
-            |(seen, _): &(Seen, Camera)| (seen.hits - count(seen)) as f64 / seen.hits.max(1) as f64;
+        let [from_corner, from_straight] = [dark(&corner, count), dark(&straight, count)];
         // Into a room that is open at one side the straight view looks past the dark outsides of its walls.
-        let is_clearer = dark(&corner) > 0.2 && dark(&straight) < 0.5 * dark(&corner);
-        let order = if is_clearer { [straight, corner] } else { [corner, straight] };
+        let is_clearer = from_corner > 0.2 && from_straight < 0.5 * from_corner;
+        let order = if is_clearer || is_drawing { [straight, corner] } else { [corner, straight] };
         order.into_iter().find(from_outside).or(Some(inside).filter(from_inside))
     });
     let (_, camera) = found.unwrap_or_else(|| best(&corners, |seen| seen.hits));
@@ -72,6 +86,19 @@ impl Axes {
         Axes { up, right, front: right.cross(up) }
     }
 
+    /// Whether all lies in one upright plane.
+    fn is_drawing(self, bounds: &Bounds) -> bool {
+        let size = bounds.diagonal();
+        let depth = [self.front, self.right].map(|axis| axis.dot(size).abs());
+        depth.into_iter().any(|depth| depth < 1e-3 * size.max_element())
+    }
+
+    /// How far the viewer of a corner stands above it: farther above what is flat.
+    fn rise(self, bounds: &Bounds) -> f32 {
+        let size = bounds.diagonal();
+        if self.up.dot(size).abs() < 0.05 * size.max_element() { 1.2 } else { 0.45 }
+    }
+
     fn direction(self, right: f32, up: f32, front: f32) -> Vec3 {
         (self.right * right + self.up * up + self.front * front).normalize()
     }
@@ -80,7 +107,7 @@ impl Axes {
 /// Three-quarter views, and those along the axes.
 fn outside(bounds: &Bounds, axes: Axes) -> [Vec<Camera>; 2] {
     let corners = [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
-        .map(|(x, z)| axes.direction(0.6 * x, 0.45, z));
+        .map(|(x, z)| axes.direction(0.6 * x, axes.rise(bounds), z));
     let straight = [axes.front, axes.right, -axes.front, -axes.right];
     let camera = |from| whole(bounds, from, axes.up);
     [corners, straight].map(|from| from.into_iter().filter_map(camera).collect())

@@ -200,10 +200,11 @@ impl Scene {
         description.override_materials(&mut model.materials)?;
 
         let has_surroundings = model.has_surroundings;
-        let stated_up = description.up.or(model.up);
+        let (stated_up, usual_up) = (description.up.or(model.up), model.usual_up);
         let mut scene = Scene::of_model(model, origin);
-        scene.up = stated_up.unwrap_or_else(|| upright::guess(&scene.triangles));
-        if description.camera.is_none() && scene.views.is_empty() && scene.up != Camera::USUAL_UP {
+        scene.up = stated_up.unwrap_or_else(|| upright::guess(&scene.triangles, origin, usual_up));
+        let is_fitted = description.camera.is_none() && scene.views.is_empty();
+        if is_fitted && stated_up.is_none() && scene.up != usual_up.unwrap_or(Camera::USUAL_UP) {
             warnings.push(upright::said(scene.up));
         }
         scene.metres_per_unit = description.metres_per_unit;
@@ -217,9 +218,13 @@ impl Scene {
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
-        // A model's visor or display glows, and lights nothing else.
-        let only_glows = has_surroundings && !description.names_lamps() && !scene.shines();
-        let is_lit = scene.emits() && !only_glows;
+        let lamps = match (description.names_lamps(), has_surroundings) {
+            (true, _) => 0.0,
+            // A model's visor or display glows, and lights nothing else.
+            (false, true) => 1.0,
+            (false, false) => FAINT,
+        };
+        let is_lit = scene.emits_more_than(lamps);
         scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
         scene.background = scene.sky;
         if description.sky.is_none() && scene.sky != Rgb::ZERO {
@@ -271,9 +276,9 @@ impl Scene {
         self.used_materials().any(Material::emits)
     }
 
-    /// Whether any triangle emits more than white reflects under a sky of radiance 1.
-    fn shines(&self) -> bool {
-        self.used_materials().any(|material| material.radiance.max_element() > 1.0)
+    /// Whether any triangle emits more than this radiance.
+    fn emits_more_than(&self, radiance: f32) -> bool {
+        self.used_materials().any(|material| material.radiance.max_element() > radiance)
     }
 
     /// The materials of fronts and backs, triangle by triangle.
@@ -338,6 +343,10 @@ impl Scene {
     }
 }
 
+/// What emits no more than this was not made to light other things: modellers let a surface glow a little so that
+/// it stands out.
+const FAINT: f32 = 0.2;
+
 /// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark.
 const BEHIND_ASSUMED_SKY: f32 = 0.1;
 
@@ -357,7 +366,7 @@ fn nothing_emits(scene: &Scene) -> Warning {
         None => "; or let a material shine: --emit MATERIAL=RADIANCE".to_string(),
     };
     let why = match scene.emits() {
-        true => "what glows in the scene is not brighter than white paper",
+        true => "what glows in the scene is too faint to be a lamp",
         false => "nothing in the scene emits light",
     };
     Warning::new(format!("{why}, so a sky of radiance 1 lights it (another: --sky){example}"))

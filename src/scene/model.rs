@@ -34,6 +34,8 @@ pub(crate) struct Model {
     pub has_surroundings: bool,
     /// The direction that the format says is up, or `None` where it leaves that open.
     pub up: Option<Vec3>,
+    /// The direction that is up in most files of its kind, if one is.
+    pub usual_up: Option<Vec3>,
 }
 
 impl Model {
@@ -55,6 +57,7 @@ impl Model {
         self.views.append(&mut more.views);
         self.has_surroundings &= more.has_surroundings;
         self.up = self.up.or(more.up);
+        self.usual_up = self.usual_up.or(more.usual_up);
     }
 
     /// The positions as f32 relative to a place.

@@ -181,7 +181,7 @@ impl Builder {
             positions,
             triangles,
             mesh,
-            up: Some(Vec3::Z),
+            usual_up: Some(Vec3::Z),
             ..Model::default()
         })
     }
@@ -230,7 +230,7 @@ mod tests {
         }
         assert_eq!(text.positions, [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::X + DVec3::Y]);
         assert_eq!(text.triangles, [[0, 1, 2], [1, 3, 2]]);
-        assert_eq!(text.up, Some(Vec3::Z));
+        assert_eq!(text.usual_up, Some(Vec3::Z));
     }
 
     #[test]

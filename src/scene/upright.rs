@@ -12,30 +12,73 @@ const SHARE: f64 = 0.3;
 
 /// A base covers at least this share of the side that the model stands on, of the box around it.
 const BASE: f64 = 0.1;
+/// As `BASE`, where nothing else speaks for it.
+const FOOT: f64 = 0.2;
+
+/// Thinner than this, beside its largest extent, a model is a drawing.
+const DRAWING: f32 = 1e-3;
+
+/// The direction in which the model stands on the file's origin, else the usual one of its kind, else what its
+/// surfaces tell. `origin` is the scene's origin in the file's coordinates.
+pub(super) fn guess(triangles: &[Triangle], origin: DVec3, usual: Option<Vec3>) -> Vec3 {
+    let bounds: Bounds = triangles.iter().flat_map(|t| t.p).collect();
+    let stands = if origin == DVec3::ZERO { stands_around_zero(triangles, &bounds) } else { None };
+    stands.or(usual).unwrap_or_else(|| by_surfaces(triangles, &bounds))
+}
+
+/// Across which plane the model was put onto the origin, so that this lies below it and not at its side.
+fn stands_around_zero(triangles: &[Triangle], bounds: &Bounds) -> Option<Vec3> {
+    let size = bounds.diagonal();
+    if size.min_element() < DRAWING * size.max_element() {
+        return None;
+    }
+    let rests = |axis: usize| bounds.min[axis].abs() <= 0.04 * size[axis];
+    let is_around =
+        |axis: usize| bounds.min[axis] < -0.2 * size[axis] && bounds.max[axis] > 0.2 * size[axis];
+    let [y, z] = [1, 2].map(|axis| base(triangles, bounds, axis));
+    match (rests(1), rests(2)) {
+        (true, false) if is_around(0) && is_around(2) => Some(Vec3::Y),
+        (false, true) if is_around(0) && is_around(1) && y <= z => Some(Vec3::Z),
+        _ => None,
+    }
+}
 
 /// y, unless more area lies flat, and more of it at the bottom, if z is up, and the model does not stand with y
 /// up. Floors, roofs, table tops and feet lie flat; walls do not, but thin ones have large faces too.
-pub(super) fn guess(triangles: &[Triangle]) -> Vec3 {
+fn by_surfaces(triangles: &[Triangle], bounds: &Bounds) -> Vec3 {
+    let size = bounds.diagonal();
+    if size.z < DRAWING * size.max_element() {
+        return Vec3::Y;
+    }
     let flat = flat_area(triangles);
     let all: f64 = triangles.iter().map(Triangle::area).sum();
-    let lies = flat.z > CLEARLY * flat.y && flat.z > SHARE * all;
-    if lies && !stands_on_y(triangles) { Vec3::Z } else { Vec3::Y }
+    let is_flatter = flat.z > CLEARLY * flat.y;
+    let lies = flat.z > SHARE * all && !stands_on_y(triangles, bounds);
+    if is_flatter && (lies || has_foot(triangles, bounds)) { Vec3::Z } else { Vec3::Y }
+}
+
+/// Whether the model, which is no plate, has a foot below z alone: a bust has one and else nothing that lies flat.
+fn has_foot(triangles: &[Triangle], bounds: &Bounds) -> bool {
+    let size = bounds.diagonal();
+    let [y, z] = [1, 2].map(|axis| base(triangles, bounds, axis));
+    size.z > 0.5 * size.max_element() && z > FOOT && z > 5.0 * y && !rests_on_zero(bounds, 1)
 }
 
 /// Whether the model was put onto the plane y = 0 and not onto z = 0. Where that does not tell: whether it has a
 /// base below y, and none below z that is clearly larger.
-fn stands_on_y(triangles: &[Triangle]) -> bool {
-    let bounds: Bounds = triangles.iter().flat_map(|t| t.p).collect();
-    let size = bounds.diagonal();
-    let on_zero = |axis: usize| bounds.min[axis].abs() <= 0.02 * size[axis];
-    match (on_zero(1), on_zero(2)) {
+fn stands_on_y(triangles: &[Triangle], bounds: &Bounds) -> bool {
+    match (rests_on_zero(bounds, 1), rests_on_zero(bounds, 2)) {
         (true, false) => true,
         (false, true) => false,
         _ => {
-            let [y, z] = [1, 2].map(|axis| base(triangles, &bounds, axis));
+            let [y, z] = [1, 2].map(|axis| base(triangles, bounds, axis));
             y > BASE && CLEARLY * y > z
         }
     }
+}
+
+fn rests_on_zero(bounds: &Bounds, axis: usize) -> bool {
+    bounds.min[axis].abs() <= 0.02 * bounds.diagonal()[axis]
 }
 
 /// The area that lies across an axis at its lower end, as a share of the box's face there.
@@ -79,6 +122,35 @@ mod tests {
     use super::*;
     use crate::geometry::shapes::{self, square};
 
+    fn guessed(triangles: &[Triangle]) -> Vec3 {
+        guess(triangles, DVec3::ZERO, None)
+    }
+
+    #[test]
+    fn what_stands_around_the_origin_overrides_a_habit() {
+        let (z_up, y_up) = (Some(Vec3::Z), Some(Vec3::Y));
+        let shelf = block([-0.4, 0.0, -0.4], [0.4, 2.4, 0.4]);
+        assert_eq!(guess(&shelf, DVec3::ZERO, z_up), Vec3::Y);
+        assert_eq!(guess(&shelf, DVec3::X, z_up), Vec3::Z, "moved: its zero says nothing");
+        let tray = block([-0.6, -0.6, 0.0], [0.6, 0.6, 0.27]);
+        assert_eq!(guess(&tray, DVec3::ZERO, y_up), Vec3::Z);
+        let ball = block([-1.0; 3], [1.0; 3]);
+        assert_eq!(guess(&ball, DVec3::ZERO, z_up), Vec3::Z);
+        assert_eq!(guess(&ball, DVec3::ZERO, y_up), Vec3::Y);
+    }
+
+    #[test]
+    fn a_drawing_is_not_laid_down_and_a_bust_stands_on_its_foot() {
+        let drawing = square(Vec3::ZERO, Vec3::X, Vec3::Y * 2.0);
+        assert_eq!(guessed(&drawing), Vec3::Y);
+        let bust: Vec<Triangle> = shapes::icosphere(3)
+            .into_iter()
+            .map(|t| Triangle { p: t.p.map(|p| p.with_z(p.z.max(-0.8))) })
+            .collect();
+        let foot = block([-0.5, -0.5, -1.0], [0.5, 0.5, -0.9]);
+        assert_eq!(guessed(&[bust, foot].concat()), Vec3::Z);
+    }
+
     /// A table: a top with four feet, of which only the top and the soles lie flat.
     fn table(place: impl Fn(Vec3) -> Vec3) -> Vec<Triangle> {
         let top = square(Vec3::Y, Vec3::X * 2.0, Vec3::Z);
@@ -97,21 +169,21 @@ mod tests {
 
     #[test]
     fn a_thin_wall_stands_on_the_plane_that_its_file_calls_zero() {
-        assert_eq!(guess(&block([-2.0, 0.0, -0.5], [2.0, 4.0, 0.5])), Vec3::Y);
-        assert_eq!(guess(&block([-0.38, 0.0, -0.07], [0.33, 0.55, 0.07])), Vec3::Y);
-        assert_eq!(guess(&block([-50.0, -25.0, 0.0], [50.0, 25.0, 30.0])), Vec3::Z);
+        assert_eq!(guessed(&block([-2.0, 0.0, -0.5], [2.0, 4.0, 0.5])), Vec3::Y);
+        assert_eq!(guessed(&block([-0.38, 0.0, -0.07], [0.33, 0.55, 0.07])), Vec3::Y);
+        assert_eq!(guessed(&block([-50.0, -25.0, 0.0], [50.0, 25.0, 30.0])), Vec3::Z);
     }
 
     #[test]
     fn a_court_within_high_walls_stands_on_its_ground() {
         let ground = block([-18.0, -0.2, -16.0], [18.0, 0.0, 16.0]);
         let walls = [-16.0, -8.0, 8.0, 15.0].map(|z| block([-18.0, 0.0, z], [18.0, 12.0, z + 1.0]));
-        assert_eq!(guess(&[ground, walls.concat()].concat()), Vec3::Y);
+        assert_eq!(guessed(&[ground, walls.concat()].concat()), Vec3::Y);
     }
 
     #[test]
     fn a_table_stands_on_its_feet() {
-        assert_eq!(guess(&table(|p| p)), Vec3::Y);
-        assert_eq!(guess(&table(|p| Vec3::new(p.x, -p.z, p.y))), Vec3::Z);
+        assert_eq!(guessed(&table(|p| p)), Vec3::Y);
+        assert_eq!(guessed(&table(|p| Vec3::new(p.x, -p.z, p.y))), Vec3::Z);
     }
 }

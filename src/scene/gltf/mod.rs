@@ -72,6 +72,7 @@ fn read(path: &Path, bytes: &[u8]) -> Result<Model> {
         views,
         has_surroundings: true,
         up: Some(Vec3::Y),
+        usual_up: None,
     })
 }
 

@@ -40,7 +40,7 @@ use std::path::Path;
 /// of their Kd, and their textures are not read.
 pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Model> {
     let text = text_of(path)?;
-    let (mut obj, up) = (read_obj(path, &text)?, exporter::up(&text));
+    let (mut obj, usual_up) = (read_obj(path, &text)?, exporter::up(&text));
     // Large models come near to filling the memory.
     drop(text);
     let mut library = read_library(path, &mut obj)?;
@@ -65,7 +65,7 @@ pub(crate) fn load(path: &Path, overrides: impl Fn(&str) -> bool) -> Result<Mode
     }
     let model = cut(path, obj, &of_runs);
     warnings.extend_from_slice(&model.warnings);
-    Ok(Model { materials, textures, files: library.files, warnings, up, ..model })
+    Ok(Model { materials, textures, files: library.files, warnings, usual_up, ..model })
 }
 
 fn text_of(path: &Path) -> Result<String> {
