@@ -193,20 +193,21 @@ impl<'m> Work<'m> {
         let mut first = 0;
         for (number, (pixel, tally)) in pixels.zip(&self.samples.tallies).enumerate() {
             let mut sum = background * tally.misses as f32;
-            let (mut reflecting, mut count) = (Rgb::ZERO, 0);
+            let (mut reflecting, mut count) = (0.0, 0);
             let of_pixel = first..first + tally.points;
             for k in of_pixel.clone() {
                 let look = look(k);
                 let (emitted, reflected) = self.light_of(k, look);
                 sum += emitted + reflected;
                 if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
-                    reflecting += emitted + reflected * tone::lift(look.reflectance);
+                    reflecting +=
+                        luminance(emitted) + tone::exposed(self.irradiance[k], look.reflectance);
                     count += 1;
                 }
             }
             first += tally.points;
             pixel.radiance = sum / eye.frame.samples as f32;
-            pixel.reflecting = luminance(reflecting) / count.max(1) as f32;
+            pixel.reflecting = reflecting / count.max(1) as f32;
             pixel.coverage = 1.0 - tally.misses as f32 / eye.frame.samples as f32;
             if is_noisy {
                 pixel.quarters = self.quarters(eye, number, of_pixel, &look);

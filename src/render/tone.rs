@@ -2,6 +2,7 @@
 
 use super::Image;
 use crate::color::{Rgb, luminance, srgb_encode};
+use std::f32::consts::PI;
 
 /// The exposure of some images at which the 95th percentile of the luminance of what reflects is 0.8 of white:
 /// only lamps and what is near them clip. If nothing reflects, what shines counts; 1 for black images.
@@ -21,11 +22,10 @@ pub(crate) fn automatic_exposure(images: &[&Image]) -> f32 {
     (0.8 / *bright).min(f32::MAX)
 }
 
-/// By how much the light that a surface reflects counts more for the exposure: a dark surface counts as if it
+/// The luminance that a surface counts for the exposure, from the irradiance in W·m⁻²: dark surfaces count as if they
 /// reflected a fifth. What is black then looks black, and what is behind it does not burn out.
-pub(crate) fn lift(reflectance: Rgb) -> f32 {
-    let reflectance = luminance(reflectance);
-    if reflectance >= DARKEST { 1.0 } else { DARKEST / reflectance.max(1e-6) }
+pub(crate) fn exposed(irradiance: Rgb, reflectance: Rgb) -> f32 {
+    luminance(irradiance * reflectance).max(DARKEST * luminance(irradiance)) / PI
 }
 
 const DARKEST: f32 = 0.2;
@@ -82,6 +82,16 @@ mod tests {
         assert_eq!(exposure(&[(1e-45, false); 4]), f32::MAX);
         let [dark, bright] = [1.0, 2.0].map(|value| image(&[(value, false); 9]));
         assert_eq!(automatic_exposure(&[&dark, &bright]), 0.4, "several images have one");
+    }
+
+    #[test]
+    fn a_dark_surface_counts_as_one_that_reflects_a_fifth() {
+        let irradiance = Rgb::splat(PI);
+        for (reflectance, expected) in [(0.0, 0.2), (0.1, 0.2), (0.2, 0.2), (0.5, 0.5), (1.0, 1.0)]
+        {
+            let counted = exposed(irradiance, Rgb::splat(reflectance));
+            assert!((counted - expected).abs() < 1e-6, "{reflectance}: {counted}");
+        }
     }
 
     #[test]

@@ -147,7 +147,7 @@ mod tests {
             .into_iter()
             .map(|t| Triangle { p: t.p.map(|p| p.with_z(p.z.max(-0.8))) })
             .collect();
-        let foot = block([-0.5, -0.5, -1.0], [0.5, 0.5, -0.9]);
+        let foot = block([-0.6, -0.6, -1.0], [0.6, 0.6, -0.9]);
         assert_eq!(guessed(&[bust, foot].concat()), Vec3::Z);
     }
 

@@ -5,7 +5,6 @@ use super::filter::{Filter, Light};
 use super::row::{Row, Sharp};
 use super::spot::Spot;
 use super::work::Work;
-use crate::color::luminance;
 use crate::paths::Paths;
 use crate::progress::Progress;
 use crate::render::samples::Eye;
@@ -123,7 +122,7 @@ impl Picture {
             for (spot, soft) in spots.iter().zip(&mut soft) {
                 let reflected = spot.reflectance() * soft.irradiance() / PI;
                 sum += reflected;
-                reflecting += luminance(reflected) * spot.lift();
+                reflecting += spot.exposed(soft.irradiance());
             }
             image.pixels.push(sum / sharp.samples);
             let is_lamp = sharp.reflecting_samples == 0.0;

@@ -67,6 +67,7 @@ impl Sharp {
         soft: &[Rgb],
     ) {
         let emitted = if radiates { look.radiance } else { Rgb::ZERO };
+        let exposed = tone::exposed(direct, look.reflectance);
         let direct = look.reflectance * direct / PI;
         self.radiance += emitted + direct;
         self.quarters[quarter] += luminance(emitted + direct);
@@ -74,7 +75,7 @@ impl Sharp {
         let soft = soft.iter().copied().sum::<Rgb>() / soft.len() as f32;
         let reflected = direct + look.reflectance * soft / PI;
         if emitted == Rgb::ZERO || luminance(emitted) <= luminance(reflected) {
-            self.reflecting += luminance(emitted + direct * tone::lift(look.reflectance));
+            self.reflecting += luminance(emitted) + exposed;
             self.reflecting_samples += 1.0;
         }
     }

@@ -81,9 +81,9 @@ impl Spot {
     }
 
     /// The luminance of Σρ by quarters of the samples.
-    /// How much more its light counts for the exposure.
-    pub(super) fn lift(&self) -> f32 {
-        tone::lift(self.reflectance / self.samples)
+    /// What its samples count for the exposure, with this irradiance in W·m⁻².
+    pub(super) fn exposed(&self, irradiance: Rgb) -> f32 {
+        self.samples * tone::exposed(irradiance, self.reflectance / self.samples)
     }
 
     pub(super) fn reflecting(&self) -> [f32; QUARTERS] {

@@ -7,15 +7,13 @@
 use super::pyramid::Pyramid;
 use super::{Texture, Wrap};
 use glam::{DVec2, DVec4, Vec2};
+use std::ops::{Range, RangeInclusive};
 
 /// About the most texels that a mean is taken of. For a triangle over more of them the level of the mip pyramid
 /// is taken that has fewer. Its texels are exact means, so that only those on the triangle's edges are wrong:
 /// at most about 4 in √MOST of the area, by at most the contrast inside one of them. The mean is off by less
 /// than 1/32 of that contrast.
 const MOST: f64 = 16384.0;
-
-/// A convex polygon: a triangle cut by at most four lines.
-type Polygon = Vec<DVec2>;
 
 impl Texture {
     /// The area mean of linear red, green, blue, and opacity over the triangle with the corners `uv`. Exact, to
@@ -64,7 +62,7 @@ impl Grid<'_> {
 
     /// The cells that `from` to `to` reaches into along an axis. Outside a clamped picture its last texels go on
     /// without an end.
-    fn cells(&self, axis: usize, from: f64, to: f64) -> std::ops::RangeInclusive<i64> {
+    fn cells(&self, axis: usize, from: f64, to: f64) -> RangeInclusive<i64> {
         let last = i64::from(self.pyramid.size(self.level)[axis]) - 1;
         let (from, to) = (from.floor() as i64, (to.ceil() as i64 - 1).max(from.floor() as i64));
         match self.texture.wrap[axis] {
@@ -127,24 +125,60 @@ impl Grid<'_> {
     /// Σ area · texel and Σ area of the triangle's piece in a row.
     fn row(&self, triangle: &[DVec2; 3], y: i64) -> (DVec4, f64) {
         let [top, bottom] = self.span(1, y);
-        let piece = between(triangle.to_vec(), 1, top, bottom);
-        let (least, most) = bounds(&piece);
-        let (mut sum, mut area) = (DVec4::ZERO, 0.0);
-        if piece.is_empty() {
-            return (sum, area);
+        let piece = Piece::new(triangle, top, bottom);
+        let [least, most] = piece.span();
+        if least > most {
+            return (DVec4::ZERO, 0.0);
         }
-        let full = whole_between(triangle, top, bottom);
-        for x in self.cells(0, least.x, most.x) {
-            let [left, right] = self.span(0, x);
-            let weight = if left >= full[0] && right <= full[1] {
-                bottom - top
-            } else {
-                area_of(&between(piece.clone(), 0, left, right))
-            };
-            sum += self.texel(x, y) * weight;
-            area += weight;
+        let cells = self.cells(0, least, most);
+        let full = self.whole_cells(&cells, whole_between(triangle, top, bottom));
+        let height = if full.is_empty() { 0.0 } else { bottom - top };
+        let mut sum = self.sum(y, full.clone()) * height;
+        let mut area = (full.end - full.start) as f64 * height;
+        for cells in [*cells.start()..full.start, full.end..cells.end() + 1] {
+            let mut left = piece.area_left_of(self.span(0, cells.start)[0]);
+            for x in cells {
+                let right = piece.area_left_of(self.span(0, x)[1]);
+                let weight = (right - left).max(0.0);
+                sum += self.texel(x, y) * weight;
+                area += weight;
+                left = right;
+            }
         }
         (sum, area)
+    }
+
+    /// Those of some cells of a row that lie between two places; an empty range at their start if none does.
+    fn whole_cells(&self, cells: &RangeInclusive<i64>, [left, right]: [f64; 2]) -> Range<i64> {
+        let (mut from, mut to) = (*cells.start(), cells.end() + 1);
+        if self.texture.wrap[0] == Wrap::Clamp {
+            // The first and the last cell have no end.
+            from = from.max(1);
+            to = to.min(i64::from(self.pyramid.size(self.level)[0]) - 1);
+        }
+        // What is infinite or too large becomes the greatest or least number.
+        let (from, to) = (from.max(left.ceil() as i64), to.min(right.floor() as i64));
+        if from < to { from..to } else { *cells.start()..*cells.start() }
+    }
+
+    /// The sum of a row's texels.
+    fn sum(&self, y: i64, cells: Range<i64>) -> DVec4 {
+        let [width, height] = self.pyramid.size(self.level);
+        let [wide, high] = self.texture.wrap;
+        if wide == Wrap::Mirror {
+            return cells.map(|x| self.texel(x, y)).sum();
+        }
+        let (y, width) = (high.texel(y, height), i64::from(width));
+        let (mut from, mut sum) = (cells.start, DVec4::ZERO);
+        // From one edge of the picture to the next.
+        while from < cells.end {
+            let start = from.rem_euclid(width);
+            let count = (width - start).min(cells.end - from);
+            let run = start as u32..(start + count) as u32;
+            sum += self.pyramid.sum(self.texture, self.level, y, run);
+            from += count;
+        }
+        sum
     }
 
     /// The mean at the centroids of 64 equal pieces, for a triangle that is a line or a point in the picture.
@@ -157,6 +191,66 @@ impl Grid<'_> {
         let upright = (0..8).flat_map(|i| (0..8 - i).map(move |j| (i, j, 1.0 / 3.0)));
         let inverted = (0..7).flat_map(|i| (0..7 - i).map(move |j| (i, j, 2.0 / 3.0)));
         upright.chain(inverted).map(|(i, j, third)| piece(i, j, third)).sum::<DVec4>() / 64.0
+    }
+}
+
+/// The part of a triangle between two horizontal lines, by its edges.
+struct Piece {
+    edges: [Edge; 3],
+    /// That of the corners' order, ±1.
+    sign: f64,
+}
+
+/// What lies between the lines of a directed edge.
+#[derive(Clone, Copy)]
+struct Edge {
+    /// Along y, with the edge's direction.
+    height: f64,
+    /// Along x.
+    least: f64,
+    most: f64,
+}
+
+impl Piece {
+    fn new(triangle: &[DVec2; 3], top: f64, bottom: f64) -> Piece {
+        let [a, b, c] = *triangle;
+        let edge = |a: DVec2, b: DVec2| {
+            let [from, to] = [a.y, b.y].map(|y| y.clamp(top, bottom));
+            let at = |y: f64| a.x + (b.x - a.x) * ((y - a.y) / (b.y - a.y));
+            // Both ends outside, on one side: nothing is between the lines, and a level edge bounds no area.
+            let [x, z] = if from == to { [0.0; 2] } else { [at(from), at(to)] };
+            Edge { height: to - from, least: x.min(z), most: x.max(z) }
+        };
+        let sign = if (b - a).perp_dot(c - a) < 0.0 { 1.0 } else { -1.0 };
+        Piece { edges: [edge(a, b), edge(b, c), edge(c, a)], sign }
+    }
+
+    /// The least and the greatest x; (∞, −∞) if there is nothing.
+    fn span(&self) -> [f64; 2] {
+        let bounding = self.edges.iter().filter(|edge| edge.height != 0.0);
+        bounding.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], edge| {
+            [least.min(edge.least), most.max(edge.most)]
+        })
+    }
+
+    /// The area of what lies to the left of x.
+    fn area_left_of(&self, x: f64) -> f64 {
+        self.sign * self.edges.iter().map(|edge| edge.area_left_of(x)).sum::<f64>()
+    }
+}
+
+impl Edge {
+    /// The signed area between the edge and what of a vertical line is to its right. Beyond all edges the line's
+    /// place cancels between them, so that it is left out where it is infinite.
+    fn area_left_of(&self, x: f64) -> f64 {
+        if x <= self.least || self.height == 0.0 {
+            0.0
+        } else if x < self.most {
+            0.5 * self.height * (x - self.least) * ((x - self.least) / (self.most - self.least))
+        } else {
+            let x = if x.is_finite() { x } else { 0.0 };
+            self.height * (x - 0.5 * (self.least + self.most))
+        }
     }
 }
 
@@ -185,38 +279,6 @@ fn crossing(triangle: &[DVec2; 3], y: f64) -> (f64, f64) {
         }
     }
     span
-}
-
-/// The part of a convex polygon with `from` ≤ coordinate ≤ `to` (Sutherland & Hodgman, 1974).
-fn between(polygon: Polygon, axis: usize, from: f64, to: f64) -> Polygon {
-    let above = beyond(polygon, axis, from, 1.0);
-    beyond(above, axis, to, -1.0)
-}
-
-/// The part with `sign` · coordinate ≥ `sign` · `line`.
-fn beyond(polygon: Polygon, axis: usize, line: f64, sign: f64) -> Polygon {
-    if line.is_infinite() || polygon.iter().all(|p| sign * (p[axis] - line) >= 0.0) {
-        return polygon;
-    }
-    let mut kept = Vec::with_capacity(polygon.len() + 1);
-    for (k, &b) in polygon.iter().enumerate() {
-        let a = polygon[(k + polygon.len() - 1) % polygon.len()];
-        let [da, db] = [a, b].map(|p| sign * (p[axis] - line));
-        if (da < 0.0) != (db < 0.0) {
-            kept.push(a + (b - a) * (da / (da - db)));
-        }
-        if db >= 0.0 {
-            kept.push(b);
-        }
-    }
-    kept
-}
-
-/// Half the sum of cross products, from the first corner so that nothing large cancels.
-fn area_of(polygon: &[DVec2]) -> f64 {
-    let Some((&first, rest)) = polygon.split_first() else { return 0.0 };
-    let doubled: f64 = rest.windows(2).map(|w| (w[0] - first).perp_dot(w[1] - first)).sum();
-    0.5 * doubled.abs()
 }
 
 #[cfg(test)]

@@ -2,7 +2,8 @@
 
 use super::Texture;
 use crate::color::srgb_decode;
-use glam::Vec4;
+use glam::{DVec4, Vec4};
+use std::ops::Range;
 use std::sync::{Arc, LazyLock, OnceLock};
 
 /// Linear red, green, blue, and opacity of the levels above 0, which is the picture itself. Each level has the
@@ -50,6 +51,15 @@ impl Pyramid {
             _ => self.levels[level - 1][index],
         }
     }
+    /// The sum of some texels of a row.
+    pub(super) fn sum(&self, texture: &Texture, level: usize, y: u32, run: Range<u32>) -> DVec4 {
+        let first = (y * self.sizes[level][0]) as usize;
+        let run = first + run.start as usize..first + run.end as usize;
+        match level {
+            0 => sum_decoded(&texture.pixels[run]),
+            _ => self.levels[level - 1][run].iter().map(|texel| texel.as_dvec4()).sum(),
+        }
+    }
 }
 
 /// Which texels a wider texel covers, and the share of it that each has. Sides that are odd share a texel
@@ -83,11 +93,28 @@ fn lowered(height: u32, [_, to]: [u32; 2], row: impl Fn(u32) -> Vec<Vec4>) -> Ve
     (0..to).flat_map(mean_row).collect()
 }
 
+static LINEAR: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|k| srgb_decode(k as f32 / 255.0)));
+
 fn decoded([r, g, b, opacity]: [u8; 4]) -> Vec4 {
-    static LINEAR: LazyLock<[f32; 256]> =
-        LazyLock::new(|| std::array::from_fn(|k| srgb_decode(k as f32 / 255.0)));
     let [r, g, b] = [r, g, b].map(|channel| LINEAR[channel as usize]);
     Vec4::new(r, g, b, f32::from(opacity) / 255.0)
+}
+
+fn sum_decoded(pixels: &[[u8; 4]]) -> DVec4 {
+    let linear = &*LINEAR;
+    // Two sums, so that an addition need not wait for the one before.
+    let (mut sums, mut opacity) = ([[0f64; 3]; 2], 0u64);
+    for pair in pixels.chunks(2) {
+        for (sum, [r, g, b, a]) in sums.iter_mut().zip(pair) {
+            for (sum, channel) in sum.iter_mut().zip([r, g, b]) {
+                *sum += f64::from(linear[usize::from(*channel)]);
+            }
+            opacity += u64::from(*a);
+        }
+    }
+    let [r, g, b] = [0, 1, 2].map(|channel| sums[0][channel] + sums[1][channel]);
+    DVec4::new(r, g, b, opacity as f64 / 255.0)
 }
 
 /// A pyramid that is built when it is first needed and shared by clones. It follows from the picture, so that
