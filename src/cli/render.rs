@@ -117,7 +117,7 @@ impl Run<'_> {
             count => format!("--view, it has {count}; or "),
         };
         let text = format!(
-            "seen by the model's camera {first} (another: {others}--position and --look-at)"
+            "seen by the model's camera `{first}` (another: {others}--position and --look-at)"
         );
         Some(Warning::new(text))
     }

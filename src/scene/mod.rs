@@ -218,13 +218,12 @@ impl Scene {
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
-        let lamps = match (description.names_lamps(), has_surroundings) {
-            (true, _) => 0.0,
-            // A model's visor or display glows, and lights nothing else.
-            (false, true) => 1.0,
-            (false, false) => FAINT,
+        let is_lit = match (description.names_lamps(), has_surroundings) {
+            (true, _) => scene.emits(),
+            // A model's visor or headlight glows, and lights nothing else.
+            (false, true) => scene.emits_more_than(1.0) && scene.mean_emission() > SOME,
+            (false, false) => scene.emits_more_than(FAINT),
         };
-        let is_lit = scene.emits_more_than(lamps);
         scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
         scene.background = scene.sky;
         if description.sky.is_none() && scene.sky != Rgb::ZERO {
@@ -279,6 +278,16 @@ impl Scene {
     /// Whether any triangle emits more than this radiance.
     fn emits_more_than(&self, radiance: f32) -> bool {
         self.used_materials().any(|material| material.radiance.max_element() > radiance)
+    }
+
+    /// The mean over the area of what the triangles emit, by the largest channel.
+    fn mean_emission(&self) -> f64 {
+        let emitted = |triangle: u32| {
+            let id = TriangleId(triangle);
+            let sides = [false, true].map(|is_back| self.radiance_on(id, is_back).max_element());
+            f64::from(sides[0].max(sides[1])) * self.triangles[id.index()].area()
+        };
+        (0..self.triangles.len() as u32).map(emitted).sum::<f64>() / self.area()
     }
 
     /// The materials of fronts and backs, triangle by triangle.
@@ -346,6 +355,9 @@ impl Scene {
 /// What emits no more than this was not made to light other things: modellers let a surface glow a little so that
 /// it stands out.
 const FAINT: f32 = 0.2;
+
+/// Lamps that emit less, on average over all surfaces, light a model by a tenth of what the sky would, at most.
+const SOME: f64 = 0.1;
 
 /// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark.
 const BEHIND_ASSUMED_SKY: f32 = 0.1;
@@ -487,5 +499,22 @@ mod tests {
         assert_eq!(read.mesh.part_of(TriangleId(0)).unwrap().object.as_deref(), Some("lid"));
         assert_eq!(read.mesh.texture.as_ref().unwrap().numbers, [[1, 1, 0]]);
         assert_eq!(*read.mesh, *scene.mesh);
+    }
+
+    #[test]
+    fn a_faint_glow_of_an_obj_leaves_the_sky_and_a_glowing_copy_that_is_left_out_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let sky = |faces: &str, glow: f32| {
+            let text = format!("newmtl a\nKd .5 .5 .5\nnewmtl b\nKe 0 0 {glow}\n");
+            std::fs::write(folder.path().join("a.mtl"), text).unwrap();
+            let file = folder.path().join("a.obj");
+            let text = format!("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n{faces}");
+            std::fs::write(&file, text).unwrap();
+            let document = Document::open(&file).unwrap();
+            Scene::load(&document).unwrap().sky
+        };
+        let beside = "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 4\n";
+        assert_eq!([sky(beside, 0.1), sky(beside, 0.3)], [Rgb::ONE, Rgb::ZERO]);
+        assert_eq!(sky("usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n", 9.0), Rgb::ONE);
     }
 }
