@@ -213,6 +213,23 @@ mod tests {
     }
 
     #[test]
+    fn an_upright_drawing_is_looked_at_straight_and_a_plate_from_well_above() {
+        let wall = shapes::square(Vec3::ZERO, Vec3::X * 2.0, Vec3::Y);
+        let axis = fit(&scene(wall)).ray(0.5, 0.5, 1.0).direction.normalize();
+        assert!(axis.dot(Vec3::NEG_Z) > 0.999, "{axis}");
+        let plate = shapes::square(Vec3::ZERO, Vec3::Z, Vec3::X);
+        let axis = fit(&scene(plate)).ray(0.5, 0.5, 1.0).direction.normalize();
+        assert!(axis.y < -0.6, "{axis}");
+    }
+
+    #[test]
+    fn an_object_is_seen_from_its_front_though_its_back_shows_a_little_more() {
+        let flag = shapes::square(Vec3::new(0.4, 1.0, 0.0), Vec3::Y * 0.2, Vec3::X * 0.2);
+        let triangles = [shapes::cube(Vec3::ZERO, 1.0), flag].concat();
+        assert!(fit(&scene(triangles)).ray(0.5, 0.5, 1.0).direction.z < 0.0);
+    }
+
+    #[test]
     fn an_object_that_glows_under_a_sky_is_seen_from_outside() {
         let cube = shapes::cube(Vec3::ZERO, 1.0);
         let glow = Material { radiance: Vec3::splat(0.5), two_sided: true, ..Material::fallback() };

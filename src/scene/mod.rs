@@ -502,6 +502,17 @@ mod tests {
     }
 
     #[test]
+    fn the_mean_emission_is_that_of_the_area_and_of_the_brighter_side() {
+        let at = |size: f32| Triangle::new(Vec3::ZERO, Vec3::X * size, Vec3::Y);
+        let material = |radiance| Material { radiance, ..Material::fallback() };
+        let materials = [Rgb::ZERO, Rgb::new(1.0, 8.0, 2.0)].map(material);
+        let scene =
+            Scene::new(vec![at(3.0), at(1.0)], [0, 1].map(MaterialId).to_vec(), materials.to_vec());
+        assert!((scene.mean_emission() - 2.0).abs() < 1e-6);
+        assert!(scene.emits_more_than(7.0) && !scene.emits_more_than(8.0));
+    }
+
+    #[test]
     fn a_faint_glow_of_an_obj_leaves_the_sky_and_a_glowing_copy_that_is_left_out_too() {
         let folder = tempfile::tempdir().unwrap();
         let sky = |faces: &str, glow: f32| {

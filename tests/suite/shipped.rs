@@ -199,7 +199,10 @@ fn all_instances_have_the_area_and_the_power_of_their_scales() {
     let mut command = Command::cargo_bin("isolux").expect("the program is built");
     command.current_dir(env!("CARGO_MANIFEST_DIR")).args(["render", "scenes/spiral-stairs.gltf"]);
     command.arg("-o").arg(folder.path().join("a.png")).arg("--stats").arg(&stats);
-    command.args(["--size", "16x12", "--levels", "0", "--samples", "16"]).assert().success();
+    command.args(["--size", "16x12", "--levels", "0", "--samples", "16"]);
+    let said = command.assert().success().get_output().stderr.clone();
+    let said = String::from_utf8(said).expect("text");
+    assert!(said.contains("seen by the model's camera `view`") && !said.contains("sky"), "{said}");
     let stats = std::fs::read(stats).expect("a file");
     let stats: serde_json::Value = serde_json::from_slice(&stats).expect("JSON");
     // Exitance is pi times the radiance: the factor times the strength of 20.

@@ -336,7 +336,7 @@ fn cameras_become_views_with_names_of_their_own() {
     ]);
     json["scenes"][0]["nodes"] = json!([0, 1, 2, 3]);
     json["cameras"] = json!([
-        {"type": "perspective", "perspective": {"yfov": std::f64::consts::FRAC_PI_2, "znear": 0.5}},
+        {"type": "perspective", "perspective": {"yfov": std::f64::consts::FRAC_PI_2, "znear": 0.5, "aspectRatio": 2}},
         {"type": "orthographic", "orthographic": {"xmag": 1}},
     ]);
     let (model, warnings) = load_json(&json).unwrap();
@@ -344,7 +344,8 @@ fn cameras_become_views_with_names_of_their_own() {
     assert_eq!(names, ["Front-door-1", "Front-door-1-2"]);
     let ray = model.views[0].1.ray(0.5, 0.0, 1.0);
     assert_eq!((ray.origin, ray.t_min), (Vec3::Z * 5.0, 0.5));
-    assert!((ray.direction - Vec3::new(0.0, 1.0, -1.0)).length() < 1e-6);
+    // A square image is as wide as the camera's, and so twice as high.
+    assert!((ray.direction - Vec3::new(0.0, 2.0, -1.0)).length() < 1e-6);
     assert_eq!(warnings, ["a.gltf: cameras without a perspective are ignored (1 in all)"]);
 }
 
