@@ -95,7 +95,11 @@ fn base(triangles: &[Triangle], bounds: &Bounds, axis: usize) -> f64 {
 }
 
 pub(super) fn said(up: Vec3) -> Warning {
-    let axis = if up == Vec3::Z { "z" } else { "x" };
+    let axis = match up {
+        Vec3::X => "x",
+        Vec3::Y => "y",
+        _ => "z",
+    };
     Warning::new(format!("the picture is drawn with {axis} up (another: --up x, y or z)"))
 }
 
@@ -135,6 +139,7 @@ mod tests {
         let tray = block([-0.6, -0.6, 0.0], [0.6, 0.6, 0.27]);
         assert_eq!(guess(&tray, DVec3::ZERO, y_up), Vec3::Z);
         let ball = block([-1.0; 3], [1.0; 3]);
+        assert!(said(Vec3::Y).to_string().contains("with y up"));
         assert_eq!(guess(&ball, DVec3::ZERO, z_up), Vec3::Z);
         assert_eq!(guess(&ball, DVec3::ZERO, y_up), Vec3::Y);
     }

@@ -80,12 +80,12 @@ impl Spot {
         self.samples
     }
 
-    /// The luminance of Σρ by quarters of the samples.
     /// What its samples count for the exposure, with this irradiance in W·m⁻².
     pub(super) fn exposed(&self, irradiance: Rgb) -> f32 {
         self.samples * tone::exposed(irradiance, self.reflectance / self.samples)
     }
 
+    /// The luminance of Σρ by quarters of the samples.
     pub(super) fn reflecting(&self) -> [f32; QUARTERS] {
         self.reflecting
     }
