@@ -12,7 +12,7 @@ use glam::Vec3;
 const FOV_OUTSIDE: f32 = 40.0;
 const FOV_INSIDE: f32 = 80.0;
 /// A view that shows this share of what another does is about as good.
-const ABOUT: f64 = 0.75;
+const GOOD_ENOUGH: f64 = 0.75;
 /// Room around what is seen whole.
 const MARGIN: f32 = 1.06;
 
@@ -46,7 +46,7 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
     let foremost = |views: &[(Seen, Camera)], count: fn(&Seen) -> usize| {
         let best = best(views, count);
         let is_good = |view: &&(Seen, Camera)| {
-            count(&view.0) as f64 >= ABOUT * count(&best.0) as f64
+            count(&view.0) as f64 >= GOOD_ENOUGH * count(&best.0) as f64
                 && dark(view, count) <= dark(&best, count) + 0.1
         };
         views.iter().find(is_good).cloned().unwrap_or(best)
@@ -86,11 +86,14 @@ impl Axes {
         Axes { up, right, front: right.cross(up) }
     }
 
-    /// Whether all lies in one upright plane.
+    /// Whether all lies in one upright plane, and not just along a line.
     fn is_drawing(self, bounds: &Bounds) -> bool {
         let size = bounds.diagonal();
-        let depth = [self.front, self.right].map(|axis| axis.dot(size).abs());
-        depth.into_iter().any(|depth| depth < 1e-3 * size.max_element())
+        let [depth, width, height] =
+            [self.front, self.right, self.up].map(|axis| axis.dot(size).abs());
+        let (thin, wide) = (depth.min(width), depth.max(width));
+        let largest = size.max_element();
+        thin < 1e-3 * largest && wide.min(height) > 0.05 * largest
     }
 
     /// How far the viewer of a corner stands above it: farther above what is flat.

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 const SEAL: Seal = Seal {
     magic: b"isolux picture\n",
-    version: 2,
+    version: 3,
     name: "file of an unfinished picture",
     command: "isolux render SCENE -o FILE",
 };

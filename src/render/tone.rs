@@ -28,6 +28,7 @@ pub(crate) fn exposed(irradiance: Rgb, reflectance: Rgb) -> f32 {
     luminance(irradiance * reflectance).max(DARKEST * luminance(irradiance)) / PI
 }
 
+/// The least reflectance that a surface counts with.
 const DARKEST: f32 = 0.2;
 
 /// 8-bit sRGB, three bytes per pixel.

@@ -89,8 +89,10 @@ impl Camera {
     }
 
     /// As this camera, for images of which each must show all that one shows that is `aspect` times as wide as high.
+    /// An aspect that no image has counts as none.
     pub(crate) fn composed_for(&self, aspect: f32) -> Camera {
-        Camera { full_aspect: aspect, ..self.clone() }
+        let full_aspect = if (0.0..=WIDEST).contains(&aspect) { aspect } else { 0.0 };
+        Camera { full_aspect, ..self.clone() }
     }
 
     /// The same camera for a scene whose origin is this place in the model files' coordinates.
@@ -111,8 +113,7 @@ impl Camera {
             && directions.iter().all(|d| d.is_normalized())
             && self.half_height > 0.0
             && self.half_height.is_finite()
-            && self.full_aspect >= 0.0
-            && self.full_aspect.is_finite()
+            && (0.0..=WIDEST).contains(&self.full_aspect)
             && self.near >= 0.0
             && self.near.is_finite()
     }
@@ -128,6 +129,9 @@ impl Camera {
         Ray { t_min: self.near, ..Ray::new(self.eye, direction) }
     }
 }
+
+/// The greatest ratio of an image's width to its height that a camera may be composed for.
+const WIDEST: f32 = 100.0;
 
 /// A view's name is part of its picture's name, so that it may hold letters, digits, `-` and `_` alone.
 pub fn is_view_name(name: &str) -> bool {

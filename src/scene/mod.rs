@@ -1,5 +1,6 @@
 //! The scene: triangles, materials, and what a description file says about looking at them.
 
+mod assumed_sky;
 mod beside;
 mod budget;
 pub mod camera;
@@ -204,7 +205,8 @@ impl Scene {
         let mut scene = Scene::of_model(model, origin);
         scene.up = stated_up.unwrap_or_else(|| upright::guess(&scene.triangles, origin, usual_up));
         let is_fitted = description.camera.is_none() && scene.views.is_empty();
-        if is_fitted && stated_up.is_none() && scene.up != usual_up.unwrap_or(Camera::USUAL_UP) {
+        let is_usual = scene.up == Camera::USUAL_UP && usual_up.is_none_or(|up| up == scene.up);
+        if is_fitted && stated_up.is_none() && !is_usual {
             warnings.push(upright::said(scene.up));
         }
         scene.metres_per_unit = description.metres_per_unit;
@@ -218,18 +220,7 @@ impl Scene {
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
         let mut scene = scene.merge_copies();
-        let is_lit = match (description.names_lamps(), has_surroundings) {
-            (true, _) => scene.emits(),
-            // A model's visor or headlight glows, and lights nothing else.
-            (false, true) => scene.emits_more_than(1.0) && scene.mean_emission() > SOME,
-            (false, false) => scene.emits_more_than(FAINT),
-        };
-        scene.sky = description.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
-        scene.background = scene.sky;
-        if description.sky.is_none() && scene.sky != Rgb::ZERO {
-            scene.background *= BEHIND_ASSUMED_SKY;
-            scene.warnings.push(nothing_emits(&scene));
-        }
+        scene.set_sky(description, has_surroundings);
         scene.warnings.extend(scene.overlap_warnings());
         scene.warnings.extend(scene.crowding_warning());
         Ok(scene)
@@ -273,21 +264,6 @@ impl Scene {
     /// Whether any triangle emits light.
     pub fn emits(&self) -> bool {
         self.used_materials().any(Material::emits)
-    }
-
-    /// Whether any triangle emits more than this radiance.
-    fn emits_more_than(&self, radiance: f32) -> bool {
-        self.used_materials().any(|material| material.radiance.max_element() > radiance)
-    }
-
-    /// The mean over the area of what the triangles emit, by the largest channel.
-    fn mean_emission(&self) -> f64 {
-        let emitted = |triangle: u32| {
-            let id = TriangleId(triangle);
-            let sides = [false, true].map(|is_back| self.radiance_on(id, is_back).max_element());
-            f64::from(sides[0].max(sides[1])) * self.triangles[id.index()].area()
-        };
-        (0..self.triangles.len() as u32).map(emitted).sum::<f64>() / self.area()
     }
 
     /// The materials of fronts and backs, triangle by triangle.
@@ -352,75 +328,6 @@ impl Scene {
     }
 }
 
-/// What emits no more than this was not made to light other things: modellers let a surface glow a little so that
-/// it stands out.
-const FAINT: f32 = 0.2;
-
-/// Lamps that emit less, on average over all surfaces, light a model by a tenth of what the sky would, at most.
-const SOME: f64 = 0.1;
-
-/// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark.
-const BEHIND_ASSUMED_SKY: f32 = 0.1;
-
-/// Says where the light comes from, and how to have another.
-fn nothing_emits(scene: &Scene) -> Warning {
-    let used = |material: usize| scene.material_of.iter().any(|m| m.0 as usize == material);
-    let mut lamps =
-        scene.materials.iter().enumerate().filter(|(i, m)| looks_like_lamp(m) && used(*i));
-    let example = match lamps.next() {
-        Some((_, lamp)) => {
-            let name = text::quote(&lamp.name);
-            format!(
-                "; the material {name} looks like a lamp: --emit '{}=10'",
-                lamp.name.escape_debug()
-            )
-        }
-        None => "; or let a material shine: --emit MATERIAL=RADIANCE".to_string(),
-    };
-    let why = match scene.emits() {
-        true => "what glows in the scene is too faint to be a lamp",
-        false => "nothing in the scene emits light",
-    };
-    Warning::new(format!("{why}, so a sky of radiance 1 lights it (another: --sky){example}"))
-}
-
-/// Whether a word of the name is one for lamps: `ceiling_lamp2` and `LampGlass` have one, `Clamp` has none.
-fn looks_like_lamp(material: &Material) -> bool {
-    const LAMPS: [&str; 12] = [
-        "light",
-        "lights",
-        "lighting",
-        "lightbulb",
-        "lamp",
-        "lamps",
-        "bulb",
-        "bulbs",
-        "emit",
-        "emitter",
-        "emission",
-        "emissive",
-    ];
-    words_of_name(&material.name).iter().any(|word| LAMPS.contains(&word.as_str()))
-}
-
-/// The words of a name in lower case. Whatever is no letter separates them, and so does a capital beside a small
-/// letter: `LEDLight` has two words.
-fn words_of_name(name: &str) -> Vec<String> {
-    let letters: Vec<char> = name.chars().collect();
-    let is_small = |i: usize| letters.get(i).is_some_and(|letter| letter.is_lowercase());
-    let mut words = vec![String::new()];
-    for (i, letter) in letters.iter().enumerate() {
-        let begins = letter.is_uppercase() && (is_small(i.wrapping_sub(1)) || is_small(i + 1));
-        if begins || !letter.is_alphabetic() {
-            words.push(String::new());
-        }
-        if letter.is_alphabetic() {
-            words.last_mut().expect("never empty").extend(letter.to_lowercase());
-        }
-    }
-    words
-}
-
 /// A topology that need not be found again.
 fn known(topology: Topology) -> Arc<OnceLock<Topology>> {
     Arc::new(OnceLock::from(topology))
@@ -464,20 +371,6 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_is_known_by_a_word_of_its_name() {
-        let is_lamp =
-            |name: &str| looks_like_lamp(&Material { name: name.into(), ..Material::fallback() });
-        for name in
-            ["light", "Lamp.001", "ceilingLamp", "LED_LIGHT2", "LEDLight", "3bulbs", "mat:Emissive"]
-        {
-            assert!(is_lamp(name), "{name}");
-        }
-        for name in ["Clamp", "tableClamps", "delight", "slightly_rough", "remit", ""] {
-            assert!(!is_lamp(name), "{name}");
-        }
-    }
-
-    #[test]
     fn clones_share_one_topology() {
         let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
         let scene = Scene::new(vec![triangle], vec![MaterialId(0)], vec![Material::fallback()]);
@@ -499,33 +392,5 @@ mod tests {
         assert_eq!(read.mesh.part_of(TriangleId(0)).unwrap().object.as_deref(), Some("lid"));
         assert_eq!(read.mesh.texture.as_ref().unwrap().numbers, [[1, 1, 0]]);
         assert_eq!(*read.mesh, *scene.mesh);
-    }
-
-    #[test]
-    fn the_mean_emission_is_that_of_the_area_and_of_the_brighter_side() {
-        let at = |size: f32| Triangle::new(Vec3::ZERO, Vec3::X * size, Vec3::Y);
-        let material = |radiance| Material { radiance, ..Material::fallback() };
-        let materials = [Rgb::ZERO, Rgb::new(1.0, 8.0, 2.0)].map(material);
-        let scene =
-            Scene::new(vec![at(3.0), at(1.0)], [0, 1].map(MaterialId).to_vec(), materials.to_vec());
-        assert!((scene.mean_emission() - 2.0).abs() < 1e-6);
-        assert!(scene.emits_more_than(7.0) && !scene.emits_more_than(8.0));
-    }
-
-    #[test]
-    fn a_faint_glow_of_an_obj_leaves_the_sky_and_a_glowing_copy_that_is_left_out_too() {
-        let folder = tempfile::tempdir().unwrap();
-        let sky = |faces: &str, glow: f32| {
-            let text = format!("newmtl a\nKd .5 .5 .5\nnewmtl b\nKe 0 0 {glow}\n");
-            std::fs::write(folder.path().join("a.mtl"), text).unwrap();
-            let file = folder.path().join("a.obj");
-            let text = format!("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n{faces}");
-            std::fs::write(&file, text).unwrap();
-            let document = Document::open(&file).unwrap();
-            Scene::load(&document).unwrap().sky
-        };
-        let beside = "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 4\n";
-        assert_eq!([sky(beside, 0.1), sky(beside, 0.3)], [Rgb::ONE, Rgb::ZERO]);
-        assert_eq!(sky("usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n", 9.0), Rgb::ONE);
     }
 }

@@ -17,6 +17,8 @@ const FOOT: f64 = 0.2;
 
 /// Thinner than this, beside its largest extent, a model is a drawing.
 const DRAWING: f32 = 1e-3;
+/// Thinner than this, beside its largest extent, a model is a plate.
+const PLATE: f32 = 0.1;
 
 /// The direction in which the model stands on the file's origin, else the usual one of its kind, else what its
 /// surfaces tell. `origin` is the scene's origin in the file's coordinates.
@@ -29,7 +31,8 @@ pub(super) fn guess(triangles: &[Triangle], origin: DVec3, usual: Option<Vec3>) 
 /// Across which plane the model was put onto the origin, so that this lies below it and not at its side.
 fn stands_around_zero(triangles: &[Triangle], bounds: &Bounds) -> Option<Vec3> {
     let size = bounds.diagonal();
-    if size.min_element() < DRAWING * size.max_element() {
+    // A plate may begin or be centred anywhere.
+    if size.min_element() < PLATE * size.max_element() {
         return None;
     }
     let rests = |axis: usize| bounds.min[axis].abs() <= 0.04 * size[axis];
@@ -138,6 +141,8 @@ mod tests {
         assert_eq!(guess(&shelf, DVec3::X, z_up), Vec3::Z, "moved: its zero says nothing");
         let tray = block([-0.6, -0.6, 0.0], [0.6, 0.6, 0.27]);
         assert_eq!(guess(&tray, DVec3::ZERO, y_up), Vec3::Z);
+        let lid = block([-1.0, 0.0, -0.02], [1.0, 1.6, 0.02]);
+        assert_eq!(guess(&lid, DVec3::ZERO, z_up), Vec3::Z, "extruded from its middle");
         let ball = block([-1.0; 3], [1.0; 3]);
         assert!(said(Vec3::Y).to_string().contains("with y up"));
         assert_eq!(guess(&ball, DVec3::ZERO, z_up), Vec3::Z);

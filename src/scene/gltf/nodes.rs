@@ -137,8 +137,7 @@ fn camera(json: &json::Camera, world: &DAffine3) -> Option<Camera> {
     let near = perspective.znear.max(0.0) as f32;
     let fov = perspective.yfov.to_degrees() as f32;
     let camera = Camera::new(position, target, up.as_vec3(), fov, near).ok()?;
-    let aspect = perspective.aspect_ratio as f32;
-    Some(if (0.01..=100.0).contains(&aspect) { camera.composed_for(aspect) } else { camera })
+    Some(camera.composed_for(perspective.aspect_ratio as f32))
 }
 
 fn view_name(name: &str) -> String {

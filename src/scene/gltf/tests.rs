@@ -572,4 +572,14 @@ fn a_model_that_only_glows_is_lit_by_the_sky() {
     json["materials"][0]["extensions"] = json!({});
     assert_eq!(sky(&json, vec![]), Rgb::ONE);
     assert_eq!(sky(&json, vec![("lamp".into(), Rgb::ONE)]), Rgb::ZERO, "a lamp by the user's word");
+    // One texel in 1024 shines, and makes a mean of some 0.02.
+    let mut json = textured();
+    let mut led = image::RgbImage::new(32, 32);
+    led.put_pixel(5, 5, image::Rgb([255; 3]));
+    let mut file = std::io::Cursor::new(Vec::new());
+    led.write_to(&mut file, image::ImageFormat::Png).unwrap();
+    json["images"][0]["uri"] = json!(uri(file.get_ref()));
+    json["materials"][0]["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"] =
+        json!(20);
+    assert_eq!(sky(&json, vec![]), Rgb::ONE, "a display");
 }

@@ -11,14 +11,16 @@ use std::ops::{Range, RangeInclusive};
 
 /// About the most texels that a mean is taken of. For a triangle over more of them the level of the mip pyramid
 /// is taken that has fewer. Its texels are exact means, so that only those on the triangle's edges are wrong:
-/// at most about 4 in √MOST of the area, by at most the contrast inside one of them. The mean is off by less
-/// than 1/32 of that contrast.
+/// for a triangle about as high as wide at most about 4 in √MOST of the area, by at most the contrast inside one
+/// of them. The mean is off by less than 1/32 of that contrast then. A triangle that is narrower than such a
+/// texel, as one over a thousand periods of a band, may be off by all of it.
 const MOST: f64 = 16384.0;
 
 impl Texture {
     /// The area mean of linear red, green, blue, and opacity over the triangle with the corners `uv`. Exact, to
-    /// rounding, up to 16,384 texels; off by less than 1/32 of the contrast between neighbours beyond. Where the
-    /// triangle has no area in the picture: the mean over 64 points.
+    /// rounding, up to 16,384 texels; beyond, off by less than 1/32 of the contrast between neighbours if the triangle
+    /// is about as high as wide, and by more if it is thin. Where the triangle has no area in the picture: the mean
+    /// over 64 points.
     pub fn mean(&self, uv: [Vec2; 3]) -> DVec4 {
         let pyramid = self.pyramid();
         let near = self.moved_near(uv);

@@ -51,6 +51,7 @@ impl Pyramid {
             _ => self.levels[level - 1][index],
         }
     }
+
     /// The sum of some texels of a row.
     pub(super) fn sum(&self, texture: &Texture, level: usize, y: u32, run: Range<u32>) -> DVec4 {
         let first = (y * self.sizes[level][0]) as usize;
