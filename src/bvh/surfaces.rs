@@ -2,10 +2,10 @@
 //!
 //! Of triangles that overlap in one plane one is seen, whichever rounding puts in front ([`Overlaps`]). A cut-out
 //! lets a ray through exactly where its texture is transparent. Where a share d of the light is stopped, a ray
-//! is stopped with probability d, by a number that depends on the ray and the triangle alone. So every caster
-//! that meets the same triangles gives the same answer.
+//! is stopped with probability d, by a number that depends on the ray and the triangle alone, unless whoever asks
+//! says how it ends ([`Ending`]). So every caster that meets the same triangles gives the same answer.
 
-use crate::geometry::{Hit, Kernel, MollerTrumbore, Ray, RayCaster, TriangleId};
+use crate::geometry::{Ending, Hit, Kernel, MollerTrumbore, Ray, RayCaster, TriangleId};
 use crate::scene::Scene;
 
 /// A caster that gives what is seen of what another one meets.
@@ -24,30 +24,29 @@ impl<C: RayCaster> Surfaces<C> {
 
     /// The first hit from this one on that is seen.
     #[inline]
-    fn seen(&self, ray: &Ray, hit: Option<Hit>) -> Option<Hit> {
+    fn seen(&self, ray: &Ray, hit: Option<Hit>, ending: impl FnOnce() -> Ending) -> Option<Hit> {
         let found = hit?;
         if !self.has_openings {
-            return Some(self.in_plane(ray, found));
+            return Some(self.in_plane(ray, found, |_| true));
         }
-        let number = RayNumber::of(ray);
-        let stops = |hit: &Hit| self.stops(ray, number, hit);
+        let ending = ending();
+        let stops = |hit: &Hit| self.stops(ray, ending, hit);
         let stop = if stops(&found) { hit } else { self.inner.nearest_stop(ray, &stops) };
-        stop.map(|stop| self.in_plane(ray, stop))
+        stop.map(|stop| self.in_plane(ray, stop, stops))
     }
 
     fn faces(&self, ray: &Ray, triangle: TriangleId) -> bool {
         self.scene.triangles[triangle.index()].normal().dot(ray.direction) < 0.0
     }
 
-    fn stops(&self, ray: &Ray, number: RayNumber, hit: &Hit) -> bool {
-        let is_back = || !self.faces(ray, hit.triangle);
-        !self.has_openings || stops_at(&self.scene, number, hit, is_back)
+    fn stops(&self, ray: &Ray, ending: Ending, hit: &Hit) -> bool {
+        stops(&ending, hit.triangle, self.scene.opacity_towards(ray, hit))
     }
 
     /// Whether a ray that meets something goes through all of it.
     fn passes(&self, ray: &Ray) -> bool {
-        let number = RayNumber::of(ray);
-        let stops = |hit: &Hit| self.stops(ray, number, hit);
+        let ending = Ending::by_chance(ray);
+        let stops = |hit: &Hit| self.stops(ray, ending, hit);
         self.has_openings && self.inner.nearest_stop(ray, &stops).is_none()
     }
 
@@ -57,13 +56,12 @@ impl<C: RayCaster> Surfaces<C> {
     }
 
     /// The seen one of the triangles that stop the ray in one plane, of which one is given.
-    fn in_plane(&self, ray: &Ray, stop: Hit) -> Hit {
+    fn in_plane(&self, ray: &Ray, stop: Hit, stops: impl Fn(&Hit) -> bool) -> Hit {
         let overlaps = self.scene.overlaps();
         let others = overlaps.with(stop.triangle);
         if others.is_empty() || self.is_grazing(ray, stop.triangle) {
             return stop;
         }
-        let number = RayNumber::of(ray);
         let place = |hit: &Hit| (hit.triangle, self.faces(ray, hit.triangle));
         let mut seen = stop;
         for &triangle in others {
@@ -71,7 +69,7 @@ impl<C: RayCaster> Surfaces<C> {
                 .map(|(t, u, v)| Hit { triangle, t, u, v });
             if let Some(other) = other
                 && overlaps.comes_first(place(&other), place(&seen))
-                && self.stops(ray, number, &other)
+                && stops(&other)
             {
                 seen = other;
             }
@@ -84,44 +82,14 @@ impl<C: RayCaster> Surfaces<C> {
 /// each other, and the nearest is seen.
 pub(crate) const GRAZING: f32 = 1e-3;
 
-/// Whether a ray ends at a hit, by the opacity of the side that it meets.
-pub(crate) fn stops(scene: &Scene, ray: &Ray, hit: Hit, is_back: bool) -> bool {
-    stops_at(scene, RayNumber::of(ray), &hit, || is_back)
-}
-
-fn stops_at(scene: &Scene, ray: RayNumber, hit: &Hit, is_back: impl FnOnce() -> bool) -> bool {
-    let is_back = scene.own_back(hit.triangle).is_some() && is_back();
-    let opacity = scene.opacity_at(hit.triangle, is_back, hit.u, hit.v);
-    opacity >= 1.0 || (opacity > 0.0 && ray.at(hit.triangle) < opacity)
-}
-
-/// Random bits of a ray.
-#[derive(Clone, Copy)]
-struct RayNumber(u64);
-
-impl RayNumber {
-    fn of(ray: &Ray) -> RayNumber {
-        let parts = [ray.origin.to_array(), ray.direction.to_array()];
-        RayNumber(parts.as_flattened().iter().fold(0, |bits, x| mix(bits, x.to_bits().into())))
-    }
-
-    /// A number in [0, 1) for the ray at a triangle.
-    fn at(self, triangle: TriangleId) -> f32 {
-        (mix(self.0, triangle.0.into()) >> 40) as f32 / (1u64 << 24) as f32
-    }
-}
-
-/// SplitMix64's finaliser (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
-fn mix(bits: u64, part: u64) -> u64 {
-    let mut z = (bits ^ part).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+/// Whether a ray ends at a triangle, by the opacity of the side that it meets.
+pub(crate) fn stops(ending: &Ending, triangle: TriangleId, opacity: f32) -> bool {
+    opacity > 0.0 && ending.at(triangle) < opacity
 }
 
 impl<C: RayCaster> RayCaster for Surfaces<C> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        self.seen(ray, self.inner.nearest(ray))
+        self.seen(ray, self.inner.nearest(ray), || Ending::by_chance(ray))
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
@@ -131,7 +99,14 @@ impl<C: RayCaster> RayCaster for Surfaces<C> {
     fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         self.inner.nearest_batch(rays, hits);
         for (ray, hit) in rays.iter().zip(hits) {
-            *hit = self.seen(ray, *hit);
+            *hit = self.seen(ray, *hit, || Ending::by_chance(ray));
+        }
+    }
+
+    fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
+        self.inner.nearest_batch(rays, hits);
+        for ((ray, ending), hit) in rays.iter().zip(endings).zip(hits) {
+            *hit = self.seen(ray, *hit, || *ending);
         }
     }
 

@@ -1,7 +1,7 @@
 //! The native ray tracer, its kernel chosen at run time.
 
 use super::{Bvh, Effort, Surfaces};
-use crate::geometry::{Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster};
+use crate::geometry::{Ending, Hit, KernelKind, MollerTrumbore, Plane, Ray, RayCaster};
 use crate::scene::Scene;
 
 /// The triangles of a scene, ready to be traced. It owns what it needs.
@@ -47,6 +47,10 @@ impl RayCaster for Tracer {
 
     fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         self.0.nearest_batch(rays, hits);
+    }
+
+    fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
+        self.0.nearest_ending(rays, endings, hits);
     }
 
     fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {

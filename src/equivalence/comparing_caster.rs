@@ -1,6 +1,6 @@
 //! Why two tracers' results differ: the rays that they answered differently, and who was right.
 
-use crate::geometry::{Hit, Ray, RayCaster};
+use crate::geometry::{Ending, Hit, Ray, RayCaster};
 use crate::patches::PatchMesh;
 use crate::verify::{Judge, Verdict};
 use serde::Serialize;
@@ -112,7 +112,11 @@ struct ComparingCaster<'a> {
 
 impl ComparingCaster<'_> {
     fn see_nearest(&self, ray: &Ray, native: Option<Hit>, peer: Option<Hit>) {
-        let judgement = self.pair.judge.nearest(ray, native, peer);
+        self.judge_nearest(&self.pair.judge, ray, native, peer);
+    }
+
+    fn judge_nearest(&self, judge: &Judge, ray: &Ray, native: Option<Hit>, peer: Option<Hit>) {
+        let judgement = judge.nearest(ray, native, peer);
         let patch = |hit: Option<Hit>| hit.and_then(|hit| self.mesh.patch_hit(ray, &hit));
         let cause = match judgement.verdict {
             Verdict::Agree if patch(native) != patch(peer) => Some(Cause::PatchBoundary),
@@ -121,7 +125,7 @@ impl ComparingCaster<'_> {
             }
             verdict => self.cause(verdict),
         };
-        self.note(cause, || self.pair.judge.source(ray, native, peer, &judgement));
+        self.note(cause, || judge.source(ray, native, peer, &judgement));
     }
 
     fn see_occluded(&self, ray: &Ray, native: bool, peer: bool) {
@@ -174,6 +178,15 @@ impl RayCaster for ComparingCaster<'_> {
         self.pair.peer.nearest_batch(rays, &mut others);
         for ((ray, native), peer) in rays.iter().zip(&*hits).zip(others) {
             self.see_nearest(ray, *native, peer);
+        }
+    }
+
+    fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
+        let mut others = Vec::new();
+        self.pair.native.nearest_ending(rays, endings, hits);
+        self.pair.peer.nearest_ending(rays, endings, &mut others);
+        for (((ray, ending), native), peer) in rays.iter().zip(endings).zip(&*hits).zip(others) {
+            self.judge_nearest(&self.pair.judge.by(*ending), ray, *native, peer);
         }
     }
 

@@ -1,7 +1,7 @@
 //! The interface of every ray tracer: code that needs a ray answered asks a [`RayCaster`], and does not
 //! know which.
 
-use super::{Hit, Ray};
+use super::{Ending, Hit, Ray};
 
 /// Whether a ray ends at a hit. The answer must not depend on the order of the calls.
 pub type Stops<'a> = &'a dyn Fn(&Hit) -> bool;
@@ -40,6 +40,13 @@ pub trait RayCaster: Send + Sync {
         hits.extend(rays.iter().map(|ray| self.nearest(ray)));
     }
 
+    /// As [`nearest_batch`](Self::nearest_batch), and says for each ray how it ends among surfaces that let a share of
+    /// the light through. A caster that knows nothing of that answers by rules of its own, as here.
+    fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
+        debug_assert_eq!(rays.len(), endings.len());
+        self.nearest_batch(rays, hits);
+    }
+
     /// [`occluded`](Self::occluded) for each ray; `blocked` is overwritten and has the rays' length.
     fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {
         blocked.clear();
@@ -63,6 +70,10 @@ impl<C: RayCaster + ?Sized> RayCaster for &C {
 
     fn nearest_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
         (**self).nearest_batch(rays, hits);
+    }
+
+    fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
+        (**self).nearest_ending(rays, endings, hits);
     }
 
     fn occluded_batch(&self, rays: &[Ray], blocked: &mut Vec<bool>) {

@@ -3,6 +3,7 @@
 pub mod bounds;
 mod brute_force;
 mod caster;
+mod ending;
 pub mod kernel;
 pub mod moller_trumbore;
 mod plane;
@@ -13,6 +14,7 @@ pub mod triangle;
 
 pub use brute_force::BruteForce;
 pub use caster::{RayCaster, Stops};
+pub use ending::Ending;
 pub use kernel::{Kernel, KernelKind};
 pub use moller_trumbore::MollerTrumbore;
 pub use plane::Plane;

@@ -1,6 +1,7 @@
 //! The samples of a picture's pixels: rays, and what they meet.
 
 use super::frame::{Background, Frame};
+use super::layers::Layers;
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
 use crate::patches::{Look, PatchMesh, SampleId, SurfacePoint};
@@ -14,9 +15,20 @@ pub(super) struct Eye<'a> {
     pub mesh: &'a PatchMesh,
     pub camera: &'a Camera,
     pub frame: &'a Frame,
+    /// Whether a ray may go on behind what it meets.
+    is_see_through: bool,
 }
 
-impl Eye<'_> {
+impl<'a> Eye<'a> {
+    pub(super) fn new(
+        caster: &'a dyn RayCaster,
+        mesh: &'a PatchMesh,
+        camera: &'a Camera,
+        frame: &'a Frame,
+    ) -> Self {
+        Eye { caster, mesh, camera, frame, is_see_through: mesh.scene.is_see_through() }
+    }
+
     /// The radiance behind the scene.
     pub(super) fn background(&self) -> Rgb {
         match self.frame.background {
@@ -55,6 +67,10 @@ pub(super) struct Tally {
 #[derive(Default)]
 pub(super) struct Samples<'m> {
     rays: Vec<Ray>,
+    /// One per ray: what decides behind what it ends. Uniform in [0, 1).
+    numbers: Vec<f32>,
+    layers: Layers,
+    traced: usize,
     /// One per sample.
     pub hits: Vec<Option<Hit>>,
     pub points: Vec<SurfacePoint<'m>>,
@@ -68,16 +84,22 @@ impl<'m> Samples<'m> {
     /// Takes samples of some pixels.
     pub(super) fn take(&mut self, eye: &Eye<'m>, wanted: &[Wanted]) {
         self.aim(eye, wanted);
-        eye.caster.nearest_batch(&self.rays, &mut self.hits);
+        self.traced = if eye.is_see_through {
+            let through = (eye.caster, &eye.mesh.scene);
+            self.layers.find(through, &self.rays, &self.numbers, &mut self.hits)
+        } else {
+            eye.caster.nearest_batch(&self.rays, &mut self.hits);
+            self.rays.len()
+        };
         self.meet(eye, wanted);
         if eye.mesh.varies() {
             self.look(eye.mesh, sample_width(eye.camera, eye.frame));
         }
     }
 
-    /// Samples taken: one ray each.
-    pub(super) fn count(&self) -> usize {
-        self.rays.len()
+    /// Rays that were traced for the samples.
+    pub(super) fn traced(&self) -> usize {
+        self.traced
     }
 
     /// The look of a point in a scene without textures.
@@ -92,13 +114,16 @@ impl<'m> Samples<'m> {
         let (width, height) = (frame.width as f32, frame.height as f32);
         let aspect = width / height;
         self.rays.clear();
+        self.numbers.clear();
         for Wanted { x, y, from, to } in wanted {
             let number = frame.pixel_number((*x, *y));
             let stream = Stream::new(frame.seed, Purpose::Pixel, number, PointSet::Sobol);
-            self.rays.extend((*from..*to).map(|k| {
-                let [dx, dy, ..] = stream.point(k);
-                camera.ray((*x as f32 + dx) / width, (*y as f32 + dy) / height, aspect)
-            }));
+            for k in *from..*to {
+                let [dx, dy, number, _] = stream.point(k);
+                let (x, y) = ((*x as f32 + dx) / width, (*y as f32 + dy) / height);
+                self.rays.push(camera.ray(x, y, aspect));
+                self.numbers.push(number);
+            }
         }
     }
 

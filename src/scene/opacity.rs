@@ -1,7 +1,7 @@
 //! Where surfaces let light through.
 
 use super::{Map, Material, Scene};
-use crate::geometry::TriangleId;
+use crate::geometry::{Hit, Ray, TriangleId};
 use glam::Vec2;
 
 impl Material {
@@ -43,6 +43,13 @@ impl Scene {
             Some(cutoff) => (opacity >= cutoff) as u32 as f32,
             None => opacity.clamp(0.0, 1.0),
         }
+    }
+
+    /// The opacity where a ray meets a triangle.
+    pub(crate) fn opacity_towards(&self, ray: &Ray, hit: &Hit) -> f32 {
+        let faces = || self.triangles[hit.triangle.index()].normal().dot(ray.direction) < 0.0;
+        let is_back = self.own_back(hit.triangle).is_some() && !faces();
+        self.opacity_at(hit.triangle, is_back, hit.u, hit.v)
     }
 
     fn texture_opacity(&self, map: &Map, triangle: TriangleId, u: f32, v: f32) -> f32 {

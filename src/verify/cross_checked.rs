@@ -2,7 +2,7 @@
 
 use super::tally::Tally;
 use super::verdict::{Grade, Judge, Judgement};
-use crate::geometry::{Hit, Ray, RayCaster};
+use crate::geometry::{Ending, Hit, Ray, RayCaster};
 use std::sync::Mutex;
 
 /// Asks both casters every question, records how their answers compare, and returns the native one.
@@ -156,6 +156,17 @@ impl<A: RayCaster, B: RayCaster> RayCaster for CrossChecked<'_, A, B> {
         let mut record = Record::default();
         for ((ray, native), other) in rays.iter().zip(&*hits).zip(others) {
             record.nearest(&self.judge, ray, *native, other);
+        }
+        self.note(record);
+    }
+
+    fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
+        let mut others = Vec::new();
+        self.native.nearest_ending(rays, endings, hits);
+        self.other.nearest_ending(rays, endings, &mut others);
+        let mut record = Record::default();
+        for (((ray, ending), native), other) in rays.iter().zip(endings).zip(&*hits).zip(others) {
+            record.nearest(&self.judge.by(*ending), ray, *native, other);
         }
         self.note(record);
     }

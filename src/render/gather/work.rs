@@ -42,7 +42,7 @@ impl<'m> Work<'m> {
                 count += (to - from) as usize;
             }
             self.samples.take(eye, &self.wanted);
-            paths.count_rays(self.samples.count());
+            paths.count_rays(self.samples.traced());
             self.light(eye, paths);
             self.keep(eye, &before, row);
         }

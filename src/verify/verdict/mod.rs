@@ -9,10 +9,11 @@ use super::bounds::{Arithmetic, Bounds};
 use super::cramer::Cramer;
 use super::referee::Referee;
 use super::source;
-use crate::geometry::{Hit, Ray, Triangle, TriangleId};
+use crate::geometry::{Ending, Hit, Ray, Triangle, TriangleId};
 use crate::scene::Scene;
 pub use grade::Grade;
 use grade::Graded;
+use std::sync::Arc;
 
 mod grade;
 mod seen;
@@ -94,10 +95,13 @@ fn within_reach(ray: &Ray) -> Ray {
 }
 
 /// Judges answers about one scene.
+#[derive(Clone)]
 pub struct Judge<'t> {
-    referee: Referee<'t>,
+    referee: Arc<Referee<'t>>,
     /// Whose rules say what is seen of what is met; without it, that which is nearest.
     scene: Option<&'t Scene>,
+    /// By which rays end; without it, each by its own.
+    ending: Option<Ending>,
     native: Arithmetic,
     other: Arithmetic,
 }
@@ -105,12 +109,18 @@ pub struct Judge<'t> {
 impl<'t> Judge<'t> {
     /// `native` and `other` say how the two sides compute; alone, `other` does not matter.
     pub fn new(triangles: &'t [Triangle], native: Arithmetic, other: Arithmetic) -> Self {
-        Judge { referee: Referee::new(triangles), scene: None, native, other }
+        let referee = Arc::new(Referee::new(triangles));
+        Judge { referee, scene: None, ending: None, native, other }
     }
 
     /// A judge of answers through [`Surfaces`](crate::bvh::Surfaces).
     pub fn of_scene(scene: &'t Scene, native: Arithmetic, other: Arithmetic) -> Self {
         Judge { scene: Some(scene), ..Judge::new(&scene.triangles, native, other) }
+    }
+
+    /// A judge of answers to a ray that was asked with this ending.
+    pub fn by(&self, ending: Ending) -> Self {
+        Judge { ending: Some(ending), ..self.clone() }
     }
 
     pub fn referee(&self) -> &Referee<'t> {

@@ -3,7 +3,7 @@
 
 use super::Judge;
 use crate::bvh::surfaces;
-use crate::geometry::{Hit, Ray};
+use crate::geometry::{Ending, Ray};
 use crate::verify::bounds::{Arithmetic, Bounds};
 use crate::verify::referee::Met;
 
@@ -41,10 +41,12 @@ impl Judge<'_> {
         if bounds.kernel.u.max(bounds.kernel.v) > FINE && scene.has_cut_outs(met.triangle) {
             return Rule::Unsure;
         }
+        let ending = self.ending.unwrap_or_else(|| Ending::by_chance(ray));
         let backs = faces(met).map_or(vec![false, true], |faces| vec![!faces]);
         let stops = |[u, v]: [f64; 2], is_back| {
-            let hit = Hit { triangle: met.triangle, t: 1.0, u: u as f32, v: v as f32 };
-            surfaces::stops(scene, ray, hit, is_back)
+            let is_back = is_back && scene.own_back(met.triangle).is_some();
+            let opacity = scene.opacity_at(met.triangle, is_back, u as f32, v as f32);
+            surfaces::stops(&ending, met.triangle, opacity)
         };
         let at = |place| backs.iter().map(move |&is_back| stops(place, is_back));
         let around: Vec<bool> = corners(&bounds).into_iter().flat_map(at).collect();
