@@ -2,7 +2,7 @@
 
 use super::material::{Material, MaterialId};
 use super::{Document, Scene, text};
-use crate::color::Rgb;
+use crate::color::{Rgb, luminance};
 use crate::error::Warning;
 use crate::geometry::TriangleId;
 use glam::Vec2;
@@ -15,8 +15,13 @@ const FAINT: f32 = 0.2;
 /// at most a tenth of the light of the sky.
 const LEAST_MEAN_EMISSION: f64 = 0.1;
 
-/// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark.
+/// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark, or this dark if most
+/// of the scene is as dark as that.
 const BEHIND_ASSUMED_SKY: f32 = 0.1;
+const BEHIND_DARK: f32 = 0.3;
+
+/// What reflects shares of the light between these can hardly be told from a tenth.
+const LIKE_A_TENTH: std::ops::Range<f32> = 0.06..0.15;
 
 impl Scene {
     /// Sets the sky that the document asks for, or the one that the scene needs, and what is seen behind the scene.
@@ -33,9 +38,22 @@ impl Scene {
         self.sky = document.sky.unwrap_or(if is_lit { Rgb::ZERO } else { Rgb::ONE });
         self.background = self.sky;
         if document.sky.is_none() && self.sky != Rgb::ZERO {
-            self.background *= BEHIND_ASSUMED_SKY;
+            self.background *=
+                if self.is_like_a_tenth() { BEHIND_DARK } else { BEHIND_ASSUMED_SKY };
             self.warnings.push(said(self));
         }
+    }
+
+    /// Whether most of the area is of one dark grey.
+    fn is_like_a_tenth(&self) -> bool {
+        let is_like = |material: &Material| {
+            material.reflectance_map.is_none()
+                && LIKE_A_TENTH.contains(&luminance(material.reflectance))
+        };
+        let of_material: Vec<bool> = self.materials.iter().map(is_like).collect();
+        let alike = self.material_of.iter().map(|material| of_material[material.0 as usize]);
+        let areas = self.triangles.iter().zip(alike).filter(|(_, is_like)| *is_like);
+        areas.map(|(triangle, _)| triangle.area()).sum::<f64>() > 0.5 * self.area()
     }
 
     /// Whether any triangle emits more than this radiance where its texture, if it has one, is white.
@@ -157,6 +175,20 @@ mod tests {
         let back_of = vec![Some(MaterialId(1)), None].into();
         assert!((Scene { back_of, ..scene.clone() }.mean_emission() - 8.0).abs() < 1e-6);
         assert!(scene.emits_more_than(7.0) && !scene.emits_more_than(8.0));
+    }
+
+    #[test]
+    fn a_scene_is_like_the_background_where_most_of_its_area_is() {
+        let is_like_a_tenth = |grey: f32, area: f32| {
+            let at = |size: f32| Triangle::new(Vec3::ZERO, Vec3::X * size, Vec3::Y);
+            let material =
+                |grey| Material { reflectance: Rgb::splat(grey), ..Material::fallback() };
+            let materials = [0.8, grey].map(material).to_vec();
+            let triangles = vec![at(1.0), at(area)];
+            Scene::new(triangles, [0, 1].map(MaterialId).to_vec(), materials).is_like_a_tenth()
+        };
+        assert_eq!([0.02, 0.1, 0.2].map(|grey| is_like_a_tenth(grey, 2.0)), [false, true, false]);
+        assert!(!is_like_a_tenth(0.1, 0.5));
     }
 
     #[test]

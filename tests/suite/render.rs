@@ -147,20 +147,26 @@ fn smooth_and_flat_meet_as_patches_shrink() {
 }
 
 #[test]
-fn a_dark_model_looks_dark_before_a_grey_background() {
+fn a_dark_model_looks_dark_before_a_background_that_it_stands_out_from() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = |name: &str| folder.path().join(name);
     let corners = (0..8).map(|k| format!("v {} {} {}\n", k & 1, k >> 1 & 1, k >> 2));
     let faces = "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
     let model = format!("mtllib m.mtl\n{}usemtl a\n{faces}", corners.collect::<String>());
     std::fs::write(path("m.obj"), model).expect("a file");
-    std::fs::write(path("m.mtl"), "newmtl a\nKd .02 .02 .02\n").expect("a file");
-    let mut command = Command::new(assert_cmd::cargo::cargo_bin("isolux"));
-    command.arg("render").arg(path("m.obj")).arg("-o").arg(path("m.png"));
-    let output = command.args(["--size", "32x32"]).output().expect("the program runs");
-    assert!(output.status.success());
-    let picture = image::open(path("m.png")).expect("a picture").into_rgb8();
+    let shown = |grey: f32| {
+        std::fs::write(path("m.mtl"), format!("newmtl a\nKd {grey} {grey} {grey}\n"))
+            .expect("a file");
+        let mut command = Command::new(assert_cmd::cargo::cargo_bin("isolux"));
+        command.arg("render").arg(path("m.obj")).arg("-o").arg(path("m.png"));
+        let output = command.args(["--size", "32x32"]).output().expect("the program runs");
+        assert!(output.status.success());
+        let picture = image::open(path("m.png")).expect("a picture").into_rgb8();
+        [(16, 16), (0, 0)].map(|(x, y)| picture.get_pixel(x, y).0[0])
+    };
     // A fifth is shown as 0.8 of white, so that 0.02 becomes 0.08, and the background's 0.1 becomes 0.4.
-    let [model, behind] = [(16, 16), (0, 0)].map(|(x, y)| picture.get_pixel(x, y).0[0]);
-    assert!(model.abs_diff(79) <= 2 && behind.abs_diff(170) <= 2, "{model} {behind}");
+    for (grey, expected) in [(0.02, [79, 170]), (0.1, [170, 255])] {
+        let shown = shown(grey);
+        assert!((0..2).all(|k| shown[k].abs_diff(expected[k]) <= 2), "{grey}: {shown:?}");
+    }
 }
