@@ -4,7 +4,7 @@
 //! dark sides outwards, is seen from within.
 
 use crate::geometry::bounds::Bounds;
-use crate::geometry::{RayCaster, TriangleId};
+use crate::geometry::{Ray, RayCaster, TriangleId};
 use crate::patches::Sides;
 use crate::scene::{Camera, Document, Scene};
 use glam::Vec3;
@@ -17,13 +17,28 @@ const GOOD_ENOUGH: f64 = 0.75;
 const MARGIN: f32 = 1.06;
 
 impl Document {
-    /// The described camera, or the first of the model files, or one that is fitted to the scene, of whose triangles the given sides reflect.
+    /// The described camera, or the first of the model files if it sees any light, or one that is fitted to the scene,
+    /// of whose triangles the given sides reflect.
     pub fn view(&self, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> Camera {
-        match self.camera.as_ref().or(scene.views.first().map(|(_, camera)| camera)) {
-            Some(camera) => camera.placed(scene.origin),
-            None => fitted(scene, sides, caster),
+        if let Some(camera) = &self.camera {
+            return camera.placed(scene.origin);
         }
+        let of_file = scene.views.first().map(|(_, camera)| camera.placed(scene.origin));
+        of_file
+            .filter(|camera| sees_light(camera, scene, sides, caster))
+            .unwrap_or_else(|| fitted(scene, sides, caster))
     }
+}
+
+/// Whether a camera sees anything that reflects light or emits it: one in a solid sees nothing but black.
+fn sees_light(camera: &Camera, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> bool {
+    grid(camera).any(|ray| {
+        caster.nearest(&ray).is_some_and(|hit| {
+            let is_back = !is_front(scene, hit.triangle, &ray);
+            sides[hit.triangle.index()].has(is_back)
+                || scene.radiance_on(hit.triangle, is_back) != Vec3::ZERO
+        })
+    })
 }
 
 /// See the [module](self).
@@ -31,7 +46,7 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
     let judged = |cameras: Vec<Camera>| -> Vec<(Seen, Camera)> {
         cameras.into_iter().map(|c| (Seen::by(&c, scene, sides, caster), c)).collect()
     };
-    let (bounds, frame) = (scene.bounds(), Axes::of(scene.up));
+    let (bounds, frame) = (scene.main_part(), Axes::of(scene.up));
     let [corners, straight] = outside(&bounds, frame).map(judged);
     let inside = judged(inside(&bounds, frame));
     let best = |views: &[(Seen, Camera)], count: fn(&Seen) -> usize| {
@@ -61,10 +76,17 @@ pub(crate) fn fitted(scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> 
         let from_outside = |(seen, _): &(Seen, Camera)| mostly(count(seen), seen.hits);
         let from_inside = |(seen, _): &(Seen, Camera)| mostly(count(seen), GRID * GRID);
         let [from_corner, from_straight] = [dark(&corner, count), dark(&straight, count)];
+        // A plate from its edge shows little.
+        let is_ample = 3 * count(&straight.0) >= 2 * corner.0.hits;
         // Into a room that is open at one side the straight view looks past the dark outsides of its walls.
-        let is_clearer = from_corner > 0.2 && from_straight < 0.5 * from_corner;
-        let order = if is_clearer || is_drawing { [straight, corner] } else { [corner, straight] };
-        order.into_iter().find(from_outside).or(Some(inside).filter(from_inside))
+        let is_clearer = is_ample && from_corner > 0.2 && from_straight < 0.5 * from_corner;
+        let straight = Some(straight).filter(|_| is_ample);
+        let order = if is_clearer || is_drawing {
+            [straight, Some(corner)]
+        } else {
+            [Some(corner), straight]
+        };
+        order.into_iter().flatten().find(from_outside).or(Some(inside).filter(from_inside))
     });
     let (_, camera) = found.unwrap_or_else(|| best(&corners, |seen| seen.hits));
     camera.in_file_frame(scene.origin)
@@ -162,25 +184,29 @@ struct Seen {
 impl Seen {
     fn by(camera: &Camera, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> Seen {
         let mut seen = Seen::default();
-        for i in 0..GRID * GRID {
-            let [x, y] = [i % GRID, i / GRID].map(|k| (k as f32 + 0.5) / GRID as f32);
-            let ray = camera.ray(x, y, 1.0);
+        for ray in grid(camera) {
             let Some(hit) = caster.nearest(&ray) else { continue };
+            let is_front = is_front(scene, hit.triangle, &ray);
+            let reflects = sides[hit.triangle.index()].has(!is_front);
+            let is_lit = reflects && !is_lamp(scene, hit.triangle, !is_front);
             seen.hits += 1;
-            seen.add(scene, sides, hit.triangle, ray.direction);
+            seen.lit += usize::from(is_lit);
+            seen.fronts += usize::from(is_lit && is_front);
         }
         seen
     }
+}
 
-    fn add(&mut self, scene: &Scene, sides: &[Sides], triangle: TriangleId, direction: Vec3) {
-        let is_front = scene.triangles[triangle.index()].normal().dot(direction) < 0.0;
-        let side = sides[triangle.index()];
-        let reflects = if is_front { side.front } else { side.back };
-        if reflects && !is_lamp(scene, triangle, !is_front) {
-            self.lit += 1;
-            self.fronts += is_front as usize;
-        }
-    }
+/// Rays through a square picture.
+fn grid(camera: &Camera) -> impl Iterator<Item = Ray> {
+    (0..GRID * GRID).map(|i| {
+        let [x, y] = [i % GRID, i / GRID].map(|k| (k as f32 + 0.5) / GRID as f32);
+        camera.ray(x, y, 1.0)
+    })
+}
+
+fn is_front(scene: &Scene, triangle: TriangleId, ray: &Ray) -> bool {
+    scene.triangles[triangle.index()].normal().dot(ray.direction) < 0.0
 }
 
 /// Whether a side is a source of light and nothing else to look at. Under a sky what glows is seen like anything
@@ -230,6 +256,20 @@ mod tests {
         let flag = shapes::square(Vec3::new(0.4, 1.0, 0.0), Vec3::Y * 0.2, Vec3::X * 0.2);
         let triangles = [shapes::cube(Vec3::ZERO, 1.0), flag].concat();
         assert!(fit(&scene(triangles)).ray(0.5, 0.5, 1.0).direction.z < 0.0);
+    }
+
+    #[test]
+    fn a_plate_that_shows_backs_from_above_is_not_seen_from_its_edge() {
+        // The large faces are turned inwards, as where a file says that all sides count.
+        let mut plate = shapes::cube(Vec3::ZERO, 1.0);
+        for triangle in &mut plate {
+            if triangle.normal().y.abs() > 0.9 {
+                triangle.p.swap(1, 2);
+            }
+            triangle.p = triangle.p.map(|p| p * Vec3::new(1.0, 0.1, 1.0));
+        }
+        let axis = fit(&scene(plate)).ray(0.5, 0.5, 1.0).direction.normalize();
+        assert!(axis.y < -0.3, "{axis}");
     }
 
     #[test]

@@ -93,7 +93,6 @@ impl Run<'_> {
         inputs.extend(&scene.files);
         check_overwriting(arguments, &self.pictures, &inputs)?;
         warn(&scene.warnings);
-        warn(self.camera_of_a_file(&document, &scene).as_slice());
         let frame = self.frame(&document.image, &scene, Settings::SEED)?;
         let load = self.start.elapsed();
         let settings = arguments.light.settings(arguments.run.seed);
@@ -101,25 +100,36 @@ impl Run<'_> {
         let tracer = self.tracer(&scene, plan.rays().saturating_add(frame.rays()));
         let build = self.start.elapsed() - load;
         let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
+        warn(self.about_the_camera(&document, &scene, &solution.camera).as_slice());
         let seconds = Seconds::new(load, build, &spent);
         self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
     }
 
-    /// Says so if a model file's own camera sees the picture.
-    fn camera_of_a_file(&self, document: &Document, scene: &Scene) -> Option<Warning> {
-        let (first, _) = scene.views.first()?;
+    /// Says where the picture is seen from, if that is nobody's choice and may surprise.
+    fn about_the_camera(
+        &self,
+        document: &Document,
+        scene: &Scene,
+        camera: &Camera,
+    ) -> Option<Warning> {
         let is_chosen = self.camera.is_some() || document.camera.is_some();
         if is_chosen || !self.arguments.look.view.is_empty() {
             return None;
         }
+        let Some((first, of_file)) = scene.views.first() else { return scene.strays_warning() };
         let others = match scene.views.len() {
             1 => String::new(),
             count => format!("--view, it has {count}; or "),
         };
-        let text = format!(
-            "seen by the model's camera `{first}` (another: {others}--position and --look-at)"
-        );
-        Some(Warning::new(text))
+        Some(Warning::new(if *camera == of_file.placed(scene.origin) {
+            format!(
+                "seen by the model's camera `{first}` (another: {others}--position and --look-at)"
+            )
+        } else {
+            format!(
+                "the model's camera `{first}` sees no light, and another is taken (--view '{first}')"
+            )
+        }))
     }
 
     /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, and no more where they

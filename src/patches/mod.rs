@@ -131,6 +131,10 @@ impl Sides {
         (0..scene.triangles.len() as u32).map(|t| Sides::of(scene, TriangleId(t))).collect()
     }
 
+    pub(crate) fn has(self, is_back: bool) -> bool {
+        if is_back { self.back } else { self.front }
+    }
+
     fn count(self) -> u64 {
         self.front as u64 + self.back as u64
     }

@@ -27,6 +27,7 @@ mod read;
 mod shown;
 mod sniff;
 mod stl;
+mod strays;
 pub(crate) mod text;
 pub mod texture;
 pub mod topology;

@@ -1,0 +1,123 @@
+//! What lies so far from the rest of a scene that a picture of all would show the rest small.
+
+use super::Scene;
+use crate::error::Warning;
+use crate::geometry::Triangle;
+use crate::geometry::bounds::Bounds;
+
+/// Strays have no more than this share of the area.
+const LITTLE: f64 = 0.005;
+/// The rest has no more than this share of the extent of all, along the largest.
+const SMALL: usize = BINS / 3;
+/// The extent is looked at in this many parts.
+const BINS: usize = 64;
+/// Strays may be at both ends, along each axis.
+const ROUNDS: usize = 6;
+
+impl Scene {
+    /// The box of what a picture should show: all but a few triangles far away.
+    pub(crate) fn main_part(&self) -> Bounds {
+        let all = self.bounds();
+        let mut part = all;
+        for _ in 0..ROUNDS {
+            let inside = self.triangles.iter().filter(|t| is_in(t, &part));
+            let Some(smaller) = without_strays(inside, &part) else { break };
+            part = smaller;
+        }
+        part
+    }
+
+    /// Says what such a picture does not show.
+    pub(crate) fn strays_warning(&self) -> Option<Warning> {
+        let part = self.main_part();
+        let left_out = self.triangles.iter().filter(|t| !is_in(t, &part)).count();
+        (left_out > 0).then(|| {
+            Warning::new(format!(
+                "{left_out} of {} triangles lie far from the rest, which alone the picture shows (else: --position and \
+                 --look-at)",
+                self.triangles.len()
+            ))
+        })
+    }
+}
+
+fn is_in(triangle: &Triangle, part: &Bounds) -> bool {
+    let bounds = triangle.bounds();
+    bounds.min.cmpge(part.min).all() && bounds.max.cmple(part.max).all()
+}
+
+/// The box of the triangles in `part`, which is their box, that hang together along its longest axis and have nearly
+/// all of the area; `None` if they are not much smaller.
+fn without_strays<'t>(
+    triangles: impl Iterator<Item = &'t Triangle> + Clone,
+    part: &Bounds,
+) -> Option<Bounds> {
+    let size = part.diagonal();
+    let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b]))?;
+    let bin = |x: f32| (((x - part.min[axis]) / size[axis] * BINS as f32) as usize).min(BINS - 1);
+    // How many triangles begin before each bin, less those that end; and the areas that begin in it.
+    let (mut open, mut areas) = ([0i64; BINS + 1], [0.0; BINS]);
+    for triangle in triangles.clone() {
+        let bounds = triangle.bounds();
+        let (first, last) = (bin(bounds.min[axis]), bin(bounds.max[axis]));
+        open[first] += 1;
+        open[last + 1] -= 1;
+        areas[first] += triangle.area();
+    }
+    let mut runs: Vec<(std::ops::Range<usize>, f64)> = Vec::new();
+    let mut count = 0;
+    for k in 0..BINS {
+        count += open[k];
+        match runs.last_mut() {
+            _ if count == 0 => {}
+            Some((run, area)) if run.end == k => {
+                run.end = k + 1;
+                *area += areas[k];
+            }
+            _ => runs.push((k..k + 1, areas[k])),
+        }
+    }
+    let total: f64 = areas.iter().sum();
+    let (run, area) = runs.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if run.len() > SMALL || total - area > LITTLE * total {
+        return None;
+    }
+    let kept = triangles.filter(|triangle| run.contains(&bin(triangle.bounds().min[axis])));
+    Some(kept.flat_map(|triangle| triangle.p).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::shapes;
+    use crate::scene::{Material, MaterialId};
+    use glam::Vec3;
+
+    fn scene(triangles: Vec<Triangle>) -> Scene {
+        let material_of = vec![MaterialId(0); triangles.len()];
+        Scene::new(triangles, material_of, vec![Material::fallback()])
+    }
+
+    #[test]
+    fn a_speck_far_away_is_no_part_and_what_is_large_or_near_is() {
+        let ball = shapes::icosphere(3);
+        let main = scene(ball.clone()).bounds();
+        let with = |more: &[(f32, Vec3)]| {
+            let speck = |&(size, at): &(f32, Vec3)| Triangle {
+                p: [Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p * size + at),
+            };
+            let scene = scene(ball.iter().copied().chain(more.iter().map(speck)).collect());
+            let all = scene.bounds();
+            let part = scene.main_part();
+            assert_eq!(scene.strays_warning().is_some(), part != all);
+            (part, all)
+        };
+        let far = [(0.1, Vec3::Z * 9.0), (0.2, Vec3::Z * -40.0), (0.1, Vec3::Y * 12.0)];
+        assert_eq!(with(&far).0, main);
+        // A large one, and a near one.
+        for alone in [(1.0, Vec3::Z * 9.0), (0.1, Vec3::Z * 3.0)] {
+            let (part, all) = with(&[alone]);
+            assert_eq!(part, all);
+        }
+    }
+}
