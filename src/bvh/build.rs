@@ -55,11 +55,12 @@ pub(super) fn build(triangles: &[Triangle], effort: Effort) -> Parts {
     if triangles.is_empty() {
         return Parts { nodes: vec![Node::EMPTY], leaves: Leaves::new(&[], &[], &[]), depth: 1 };
     }
-    let mut parts = open(&binary_tree(triangles, effort), triangles);
+    let mut opened = open(&binary_tree(triangles, effort));
     // How many nodes there are is not known before, and the binary tree is gone by now.
-    let mut nodes = with_room(parts.nodes.len());
-    nodes.append(&mut parts.nodes);
-    Parts { nodes, ..parts }
+    let mut nodes = with_room(opened.nodes.len());
+    nodes.append(&mut opened.nodes);
+    let leaves = Leaves::new(triangles, &opened.numbers, &opened.counts);
+    Parts { nodes, leaves, depth: opened.depth }
 }
 
 fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {
@@ -79,7 +80,7 @@ fn binary_tree(triangles: &[Triangle], effort: Effort) -> Bvh2 {
         ReinsertionOptimizer::default().run(&mut tree, effort.reinsertion(), None);
     }
     // Else the next step would keep them up to date.
-    tree.parents.clear();
+    tree.parents = Vec::new();
     tree.reorder_in_stack_traversal_order();
     copies.put_into(&mut tree);
     tree
@@ -242,12 +243,20 @@ fn grown(piece: &Aabb, triangle: &Triangle) -> Aabb {
     Aabb::new(piece.min - growth, piece.max + growth)
 }
 
+/// A binary tree that was opened.
+struct Opened {
+    nodes: Vec<Node>,
+    /// Leaf after leaf, the numbers of its triangles; and how many these are.
+    numbers: Vec<u32>,
+    counts: Vec<u8>,
+    depth: usize,
+}
+
 /// Opens the tree from its root. An explicit work list, since a tree over hostile input can be deeper
 /// than the call stack.
-fn open(tree: &Bvh2, triangles: &[Triangle]) -> Parts {
+fn open(tree: &Bvh2) -> Opened {
     let collapse = Collapse::new(tree);
     let (mut nodes, mut deepest) = (vec![Node::EMPTY], 1);
-    // Leaf after leaf, the numbers of its triangles; and how many these are.
     let (mut numbers, mut counts) = (Vec::with_capacity(tree.primitive_indices.len()), Vec::new());
     let mut members = Vec::with_capacity(WIDTH);
     let mut work = vec![(0, 0, 1)];
@@ -273,7 +282,7 @@ fn open(tree: &Bvh2, triangles: &[Triangle]) -> Parts {
             nodes[into].set(slot, bounds, child);
         }
     }
-    Parts { nodes, leaves: Leaves::new(triangles, &numbers, &counts), depth: deepest }
+    Opened { nodes, numbers, counts, depth: deepest }
 }
 
 #[cfg(test)]

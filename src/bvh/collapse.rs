@@ -25,11 +25,15 @@ pub(super) enum Member {
 /// The least costs of a binary tree's nodes.
 pub(super) struct Collapse<'t> {
     tree: &'t Bvh2,
-    /// For each binary node, its least cost as a forest of at most 1, 2, … 7 trees.
-    costs: Vec<[f32; WIDTH - 1]>,
-    /// For each binary node, the number of triangles below it.
-    triangles: Vec<u32>,
+    /// For each binary node that is no leaf, its least cost as a forest of at most 1, 2, … 7 trees.
+    costs: Vec<Costs>,
+    /// Per binary node, where its costs are.
+    place: Vec<u32>,
+    /// For each binary node, the number of triangles below it, or one more than a leaf has.
+    triangles: Vec<u8>,
 }
+
+type Costs = [f32; WIDTH - 1];
 
 impl<'t> Collapse<'t> {
     /// Computes the costs of a tree with one triangle, or a piece of one, in each leaf.
@@ -39,8 +43,13 @@ impl<'t> Collapse<'t> {
     pub(super) fn new(tree: &'t Bvh2) -> Self {
         assert!(tree.children_are_ordered_after_parents, "costs are known from the leaves up");
         let count = tree.nodes.len();
-        let mut collapse =
-            Collapse { tree, costs: vec![[0.0; WIDTH - 1]; count], triangles: vec![0; count] };
+        let mut collapse = Collapse {
+            tree,
+            // Every inner node joins two.
+            costs: Vec::with_capacity(count / 2),
+            place: vec![0; count],
+            triangles: vec![0; count],
+        };
         for node in (0..count).rev() {
             collapse.judge(node);
         }
@@ -51,17 +60,27 @@ impl<'t> Collapse<'t> {
     fn judge(&mut self, node: usize) {
         if self.tree.nodes[node].is_leaf() {
             self.triangles[node] = 1;
-            self.costs[node] = [self.leaf_cost(node); WIDTH - 1];
             return;
         }
         let [left, right] = self.children(node);
-        self.triangles[node] = self.triangles[left] + self.triangles[right];
+        self.triangles[node] = (self.triangles[left] + self.triangles[right]).min(WIDTH as u8 + 1);
         let as_node = self.tree.nodes[node].aabb().half_area() + self.shared(node, WIDTH).0;
         let mut least = as_node.min(self.leaf_cost(node));
-        self.costs[node][0] = least;
+        let mut costs = [least; WIDTH - 1];
         for trees in 2..WIDTH {
             least = least.min(self.shared(node, trees).0);
-            self.costs[node][trees - 1] = least;
+            costs[trees - 1] = least;
+        }
+        self.place[node] = self.costs.len() as u32;
+        self.costs.push(costs);
+    }
+
+    #[inline(always)]
+    fn costs(&self, node: usize) -> Costs {
+        if self.tree.nodes[node].is_leaf() {
+            [self.leaf_cost(node); WIDTH - 1]
+        } else {
+            self.costs[self.place[node] as usize]
         }
     }
 
@@ -69,7 +88,7 @@ impl<'t> Collapse<'t> {
     /// are the left one's.
     #[inline(always)]
     fn shared(&self, node: usize, trees: usize) -> (f32, usize) {
-        let [left, right] = self.children(node).map(|child| &self.costs[child]);
+        let [left, right] = self.children(node).map(|child| self.costs(child));
         let mut least = (f32::INFINITY, 1);
         for of_left in 1..trees {
             let cost = left[of_left - 1] + right[trees - of_left - 1];
@@ -84,7 +103,7 @@ impl<'t> Collapse<'t> {
         if !self.fits_leaf(node) {
             return f32::INFINITY;
         }
-        let visit = LEAF + TRIANGLE * self.triangles[node] as f32;
+        let visit = LEAF + TRIANGLE * f32::from(self.triangles[node]);
         self.tree.nodes[node].aabb().half_area() * visit
     }
 
@@ -115,11 +134,11 @@ impl<'t> Collapse<'t> {
     }
 
     fn adopt(&self, node: usize, mut trees: usize, members: &mut Vec<Member>) {
-        let costs = &self.costs[node];
         if self.tree.nodes[node].is_leaf() {
             members.push(Member::Leaf(node));
             return;
         }
+        let costs = self.costs(node);
         while trees > 1 && costs[trees - 1] == costs[trees - 2] {
             trees -= 1;
         }

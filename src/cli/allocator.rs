@@ -33,6 +33,18 @@ pub(super) fn is_refused() -> bool {
     false
 }
 
+/// Has blocks of 2 MiB or more given back to the system as soon as they are freed. The GNU allocator would raise that
+/// size with every such block that is freed, and keep those below it: a fifth of the memory at the peak of a large scene.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+pub(super) fn give_back_large_blocks() {
+    const LARGE: i32 = 2 << 20;
+    // SAFETY: This says where blocks come from in the future; it fails without harm.
+    unsafe { libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE) };
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+pub(super) fn give_back_large_blocks() {}
+
 /// The system's allocator with a note of what it refuses.
 pub struct Allocator;
 

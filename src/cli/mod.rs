@@ -44,6 +44,7 @@ enum Command {
 /// Runs the program: exit 0 for success, 1 for a check that failed, 2 for bad input, 128 and the number of a
 /// signal for what that signal interrupted.
 pub fn run() -> ExitCode {
+    allocator::give_back_large_blocks();
     signals::watch();
     let command = match Cli::try_parse() {
         Ok(cli) => cli.command,
