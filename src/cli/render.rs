@@ -116,7 +116,7 @@ impl Run<'_> {
         if is_chosen || !self.arguments.look.view.is_empty() {
             return None;
         }
-        let Some((first, of_file)) = scene.views.first() else { return scene.strays_warning() };
+        let Some((first, of_file)) = scene.views.first() else { return scene.main_part_warning() };
         let others = match scene.views.len() {
             1 => String::new(),
             count => format!("--view, it has {count}; or "),

@@ -18,10 +18,10 @@ const LEAST_MEAN_EMISSION: f64 = 0.1;
 /// Before a sky that nobody asked for, what is white would not be seen: it is drawn this dark, or this dark if most
 /// of the scene is as dark as that.
 const BEHIND_ASSUMED_SKY: f32 = 0.1;
-const BEHIND_DARK: f32 = 0.3;
+const BEHIND_DARK: f32 = 0.2;
 
 /// What reflects shares of the light between these can hardly be told from a tenth.
-const LIKE_A_TENTH: std::ops::Range<f32> = 0.06..0.15;
+const LIKE_A_TENTH: std::ops::Range<f32> = 0.06..0.14;
 
 impl Scene {
     /// Sets the sky that the document asks for, or the one that the scene needs, and what is seen behind the scene.

@@ -1,9 +1,11 @@
-//! What lies so far from the rest of a scene that a picture of all would show the rest small.
+//! What a picture of a scene should show: not the few triangles far away from the rest, and not all of a wide ground,
+//! beside which the rest would be small.
 
 use super::Scene;
 use crate::error::Warning;
 use crate::geometry::Triangle;
 use crate::geometry::bounds::Bounds;
+use glam::Vec3;
 
 /// Strays have no more than this share of the area.
 const LITTLE: f64 = 0.005;
@@ -14,30 +16,55 @@ const BINS: usize = 64;
 /// Strays may be at both ends, along each axis.
 const ROUNDS: usize = 6;
 
+/// A ground is level to this cosine, in triangles of this share of the area or more, and has as many times the extent
+/// of what stands on it.
+const LEVEL: f32 = 0.99;
+const LARGE: f64 = 0.01;
+const WIDE: f32 = 4.0;
+
 impl Scene {
-    /// The box of what a picture should show: all but a few triangles far away.
+    /// The box of what a picture should show.
     pub(crate) fn main_part(&self) -> Bounds {
-        let all = self.bounds();
-        let mut part = all;
+        let part = self.without_strays();
+        self.without_ground(&part).unwrap_or(part)
+    }
+
+    /// Says what such a picture does not show.
+    pub(crate) fn main_part_warning(&self) -> Option<Warning> {
+        let part = self.without_strays();
+        let strays = self.triangles.iter().filter(|t| !is_in(t, &part)).count();
+        let what = match (strays, self.without_ground(&part)) {
+            (0, None) => return None,
+            (0, Some(_)) => {
+                "the ground is wide, and the picture shows what stands on it".to_string()
+            }
+            _ => format!(
+                "{strays} of {} triangles lie far from the rest, which alone the picture shows",
+                self.triangles.len()
+            ),
+        };
+        Some(Warning::new(format!("{what} (else: --position and --look-at)")))
+    }
+
+    fn without_strays(&self) -> Bounds {
+        let mut part = self.bounds();
         for _ in 0..ROUNDS {
             let inside = self.triangles.iter().filter(|t| is_in(t, &part));
-            let Some(smaller) = without_strays(inside, &part) else { break };
+            let Some(smaller) = main_run(inside, &part) else { break };
             part = smaller;
         }
         part
     }
 
-    /// Says what such a picture does not show.
-    pub(crate) fn strays_warning(&self) -> Option<Warning> {
-        let part = self.main_part();
-        let left_out = self.triangles.iter().filter(|t| !is_in(t, &part)).count();
-        (left_out > 0).then(|| {
-            Warning::new(format!(
-                "{left_out} of {} triangles lie far from the rest, which alone the picture shows (else: --position and \
-                 --look-at)",
-                self.triangles.len()
-            ))
-        })
+    /// The box of what stands on a wide ground, if there is one.
+    fn without_ground(&self, part: &Bounds) -> Option<Bounds> {
+        let least = LARGE * self.area();
+        let is_ground = |t: &Triangle| t.area() >= least && t.normal().dot(self.up).abs() > LEVEL;
+        let others = self.triangles.iter().filter(|t| is_in(t, part) && !is_ground(t));
+        let rest: Bounds = others.flat_map(|t| t.p).collect();
+        let level = Vec3::ONE - self.up.abs();
+        let extent = |bounds: &Bounds| (bounds.diagonal() * level).max_element();
+        (rest.min.x <= rest.max.x && WIDE * extent(&rest) < extent(part)).then_some(rest)
     }
 }
 
@@ -48,7 +75,7 @@ fn is_in(triangle: &Triangle, part: &Bounds) -> bool {
 
 /// The box of the triangles in `part`, which is their box, that hang together along its longest axis and have nearly
 /// all of the area; `None` if they are not much smaller.
-fn without_strays<'t>(
+fn main_run<'t>(
     triangles: impl Iterator<Item = &'t Triangle> + Clone,
     part: &Bounds,
 ) -> Option<Bounds> {
@@ -91,7 +118,6 @@ mod tests {
     use super::*;
     use crate::geometry::shapes;
     use crate::scene::{Material, MaterialId};
-    use glam::Vec3;
 
     fn scene(triangles: Vec<Triangle>) -> Scene {
         let material_of = vec![MaterialId(0); triangles.len()];
@@ -99,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_speck_far_away_is_no_part_and_what_is_large_or_near_is() {
+    fn specks_far_away_and_a_wide_ground_are_no_part_and_what_is_large_or_near_is() {
         let ball = shapes::icosphere(3);
         let main = scene(ball.clone()).bounds();
         let with = |more: &[(f32, Vec3)]| {
@@ -109,11 +135,21 @@ mod tests {
             let scene = scene(ball.iter().copied().chain(more.iter().map(speck)).collect());
             let all = scene.bounds();
             let part = scene.main_part();
-            assert_eq!(scene.strays_warning().is_some(), part != all);
+            assert_eq!(scene.main_part_warning().is_some(), part != all);
             (part, all)
         };
         let far = [(0.1, Vec3::Z * 9.0), (0.2, Vec3::Z * -40.0), (0.1, Vec3::Y * 12.0)];
         assert_eq!(with(&far).0, main);
+        // A ground is looked at where something stands on it.
+        let ground = |size: f32| [(size, Vec3::new(-0.3 * size, -1.0, -0.3 * size))];
+        let level = |&(size, at): &(f32, Vec3)| Triangle {
+            p: [Vec3::ZERO, Vec3::Z, Vec3::X].map(|p| p * size + at),
+        };
+        let on_ground = |size: f32| {
+            scene(ball.iter().copied().chain(ground(size).iter().map(level)).collect()).main_part()
+        };
+        assert_eq!(on_ground(20.0), main);
+        assert!(on_ground(6.0).diagonal().x > 5.0);
         // A large one, and a near one.
         for alone in [(1.0, Vec3::Z * 9.0), (0.1, Vec3::Z * 3.0)] {
             let (part, all) = with(&[alone]);
