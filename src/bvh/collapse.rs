@@ -1,6 +1,6 @@
 //! From a binary tree to an eight-wide one, at the least expected cost.
 //!
-//! A visit's cost times the surface of what is visited, to which the ending that a ray comes there is
+//! A visit's cost times the surface of what is visited, to which the chance that a ray comes there is
 //! proportional, summed over the tree: which descendants a node adopts, and what becomes a leaf, is chosen
 //! by dynamic programming from the leaves up (Ylitie, Karras & Laine, *Efficient Incoherent Ray Traversal
 //! on GPUs Through Compressed Wide BVHs*, HPG 2017, §3.1). Here a leaf's triangles are met at once.

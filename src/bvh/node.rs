@@ -46,7 +46,7 @@ impl Node {
 
     /// The box grows by one ulp of its largest coordinate on each side, so that a ray that runs exactly
     /// in one of its faces (a zero in the direction) is strictly inside and no comparison is left to
-    /// ending. One ulp of the face itself would not do: next to 0 it is so little that not even the
+    /// chance. One ulp of the face itself would not do: next to 0 it is so little that not even the
     /// largest inverse of a direction takes it beyond t.
     pub(super) fn set(&mut self, slot: usize, bounds: Bounds, child: Child) {
         let Bounds { min, max } = bounds;

@@ -10,7 +10,7 @@ use crate::geometry::{Ray, Triangle, TriangleId};
 use crate::sampling::{PointSet, Purpose, Stream};
 use glam::Vec3;
 
-/// Directions to try, should a ray touch an edge or a vertex: by ending one hardly ever does.
+/// Directions to try, should a ray touch an edge or a vertex: by chance one hardly ever does.
 const DIRECTIONS: u32 = 8;
 
 /// A point inside a closed part of a mesh, above or below the middle of a triangle of it.

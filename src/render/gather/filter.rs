@@ -22,7 +22,7 @@ type Spread = crate::sampling::Spread<LEVELS_OF_QUARTERS>;
 /// The windows' radii in pixels; the first is the spot alone.
 const RADII: [i32; 5] = [0, 1, 2, 4, 8];
 /// What the spot's own noise in a model costs. Stein's 2 makes the estimate right in the mean. But it is noisy itself,
-/// and a window that is too narrow by ending does more harm. With 4 noise falls by as much as blur grows, which no
+/// and a window that is too narrow by chance does more harm. With 4 noise falls by as much as blur grows, which no
 /// stated error holds.
 const COST_OF_NOISE: f32 = 2.5;
 /// How fast the variance of the light falls, as if its rays were independent: where it falls faster, one ray among
@@ -56,7 +56,7 @@ struct Known {
     normal: Vec3,
     light: Light,
     /// The share of its pixel. Not the number of its rays: where these are many, the light of the pixels around was
-    /// bright by ending, and that would count too little.
+    /// bright by chance, and that would count too little.
     weight: f32,
 }
 
