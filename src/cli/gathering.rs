@@ -12,12 +12,13 @@ use crate::render::gather::{Drawing, Rounds};
 use crate::render::{Background, Frame, Image};
 use crate::scene::Camera;
 use crate::solution::Solution;
+use std::cell::OnceCell;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 const SEAL: Seal = Seal {
     magic: b"isolux picture\n",
-    version: 3,
+    version: 4,
     name: "file of an unfinished picture",
     command: "isolux render SCENE -o FILE",
 };
@@ -27,8 +28,8 @@ pub(super) struct Gathering<'a> {
     pub output: &'a Path,
     /// What must not be overwritten.
     pub inputs: &'a Inputs,
-    /// See [`fingerprint`].
-    pub fingerprint: u32,
+    /// See [`fingerprint`]: asked for only where something is kept, since all of the scene goes into it.
+    pub fingerprint: &'a dyn Fn() -> u32,
     /// Go on with what was kept.
     pub resume: bool,
     /// Keep what is done at the end too, since other pictures follow.
@@ -53,6 +54,8 @@ impl Gathering<'_> {
         if self.resume && partial.is_begun()? {
             self.take_up(&mut drawing, partial.path())?;
         }
+        let known_fingerprint = OnceCell::new();
+        let fingerprint = || *known_fingerprint.get_or_init(self.fingerprint);
         let after = |since: Instant| self.preview.map(|every| since + every);
         let mut preview = after(Instant::now());
         let (mut was_interrupted, mut has_failed) = (false, false);
@@ -63,7 +66,7 @@ impl Gathering<'_> {
             let is_new = is_interrupted != was_interrupted;
             was_interrupted = is_interrupted;
             if is_new || partial.is_due() || is_over && (is_interrupted || self.keep) {
-                let bytes = SEAL.close(&(self.fingerprint, drawing.rounds()));
+                let bytes = SEAL.close(&(fingerprint(), drawing.rounds()));
                 partial.keep(bytes, self.inputs);
             }
             if is_over {
@@ -83,7 +86,7 @@ impl Gathering<'_> {
         let (fingerprint, rounds): (u32, Rounds) =
             SEAL.open(&bytes).map_err(|error| error.in_file(path).remedy(ANEW))?;
         let other = Error::new("the unfinished picture is of another scene, or of other options");
-        if fingerprint != self.fingerprint {
+        if fingerprint != (self.fingerprint)() {
             return Err(other.in_file(path).remedy(
                 "repeat the options with which it was begun, or delete the file to begin anew",
             ));

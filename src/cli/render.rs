@@ -332,7 +332,7 @@ fn draw(
             let gathering = Gathering {
                 output: &picture.path,
                 inputs,
-                fingerprint: fingerprint(solution, camera, &frame, arguments.run.kernel),
+                fingerprint: &|| fingerprint(solution, camera, &frame, arguments.run.kernel),
                 resume: arguments.resume,
                 keep: cameras.len() > 1 && (frame.error.is_some() || frame.deadline.is_some()),
                 preview: arguments.preview,

@@ -153,6 +153,9 @@ impl EmittingTriangles {
 /// A side is one emitter where it is alike everywhere, else one per patch, each with its patch's mean: near a
 /// picture that shines, one place is brighter than another.
 fn emitters_of(mesh: &PatchMesh, side: &Side) -> Vec<Emitter> {
+    if !side.radiates {
+        return Vec::new();
+    }
     let emitter = |facet, exitance: Rgb| {
         let exitance = exitance.as_dvec3();
         (exitance != Rgb64::ZERO).then_some(Emitter { facet, exitance, probability: 0.0, far: 0.0 })
