@@ -127,7 +127,7 @@ impl Run<'_> {
             )
         } else {
             format!(
-                "the model's camera `{first}` sees no light, and another is taken (--view '{first}')"
+                "the model's camera `{first}` sees no light, so another is taken (that one: --view {first})"
             )
         }))
     }

@@ -29,3 +29,4 @@ mod snapshots;
 mod structure;
 mod two_level;
 mod verify;
+mod views;

@@ -170,3 +170,34 @@ fn a_dark_model_looks_dark_before_a_background_that_it_stands_out_from() {
         assert!((0..2).all(|k| shown[k].abs_diff(expected[k]) <= 2), "{grey}: {shown:?}");
     }
 }
+
+/// Half of the light passes each pane: of 16 samples per pixel exactly as many as should.
+#[test]
+fn panes_before_a_lamp_leave_no_noise() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(
+        path("m.mtl"),
+        "newmtl lamp\nKd 0 0 0\nKe 1 1 1\nnewmtl pane\nKd 0 0 0\nd 0.5\n",
+    )
+    .expect("a file");
+    let square = |z: i32| {
+        let corners = [[-9, -9], [9, -9], [9, 9], [-9, 9]];
+        corners.map(|[x, y]| format!("v {x} {y} {z}\n")).concat() + "f -4 -3 -2 -1\n"
+    };
+    for panes in 0..4 {
+        let behind: String = (1..=panes).map(square).collect();
+        let model = format!("mtllib m.mtl\nusemtl lamp\n{}usemtl pane\n{behind}", square(0));
+        std::fs::write(path("m.obj"), model).expect("a file");
+        let mut command = Command::new(assert_cmd::cargo::cargo_bin("isolux"));
+        command.arg("render").arg(path("m.obj")).arg("-o").arg(path("m.exr"));
+        command.args(["--size", "16x16", "--position=0,0,9", "--look-at=0,0,0"]);
+        let output = command.output().expect("the program runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let picture = image::open(path("m.exr")).expect("a picture").into_rgb32f();
+        let expected = 0.5f32.powi(panes);
+        for pixel in picture.pixels() {
+            assert!((pixel.0[0] / expected - 1.0).abs() < 1e-5, "{panes}: {pixel:?}");
+        }
+    }
+}
