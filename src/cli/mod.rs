@@ -9,6 +9,7 @@ mod join;
 mod partial;
 mod pictures;
 mod progress;
+mod remarks;
 mod render;
 mod report;
 mod signals;

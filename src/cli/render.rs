@@ -5,6 +5,7 @@ use super::gathering::{Gathering, fingerprint};
 use super::partial::Partial;
 use super::pictures::{Picture, check_overwriting, partials, pictures};
 use super::progress::{Bars, OnSignal};
+use super::remarks;
 use super::report::{Report, Seconds};
 use super::{say, signals, warn};
 use crate::bvh::{Effort, Tracer};
@@ -100,36 +101,14 @@ impl Run<'_> {
         let tracer = self.tracer(&scene, plan.rays().saturating_add(frame.rays()));
         let build = self.start.elapsed() - load;
         let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
-        warn(self.about_the_camera(&document, &scene, &solution.camera).as_slice());
+        let is_chosen =
+            self.camera.is_some() || document.camera.is_some() || !arguments.look.view.is_empty();
+        if !is_chosen {
+            warn(remarks::on_the_camera(&scene, &solution.camera).as_slice());
+        }
+        warn(remarks::on_the_dark(&solution).as_slice());
         let seconds = Seconds::new(load, build, &spent);
         self.show(&tracer, &frame, &solution, spent.rays, seconds, &inputs)
-    }
-
-    /// Says where the picture is seen from, if that is nobody's choice and may surprise.
-    fn about_the_camera(
-        &self,
-        document: &Document,
-        scene: &Scene,
-        camera: &Camera,
-    ) -> Option<Warning> {
-        let is_chosen = self.camera.is_some() || document.camera.is_some();
-        if is_chosen || !self.arguments.look.view.is_empty() {
-            return None;
-        }
-        let Some((first, of_file)) = scene.views.first() else { return scene.main_part_warning() };
-        let others = match scene.views.len() {
-            1 => String::new(),
-            count => format!("--view, it has {count}; or "),
-        };
-        Some(Warning::new(if *camera == of_file.placed(scene.origin) {
-            format!(
-                "seen by the model's camera `{first}` (another: {others}--position and --look-at)"
-            )
-        } else {
-            format!(
-                "the model's camera `{first}` sees no light, so another is taken (that one: --view {first})"
-            )
-        }))
     }
 
     /// `seed` counts unless another is given. In a crowded scene pixels have fewer samples, and no more where they

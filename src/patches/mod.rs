@@ -261,6 +261,12 @@ impl PatchMesh {
         both.map(|(f, b)| Sides { front: f.is_some(), back: b.is_some() }).collect()
     }
 
+    /// How many triangles light reaches on neither side.
+    pub(crate) fn in_the_dark(&self) -> usize {
+        let both = self.side_of_front.iter().zip(&self.side_of_back);
+        both.filter(|sides| matches!(sides, (None, None))).count()
+    }
+
     fn add_side(&mut self, triangle: TriangleId, level: u32, is_back: bool) {
         let whole = Side::new(&self.scene, triangle, is_back);
         let number = self.keep(Side {

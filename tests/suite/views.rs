@@ -100,3 +100,28 @@ fn what_stands_on_a_wide_ground_fills_the_picture_and_a_speck_far_away_does_not_
     let (said, _) = render(folder.path(), "a.obj", &[]);
     assert!(!said.contains("else: --position"), "{said}");
 }
+
+#[test]
+fn things_in_a_closed_room_are_said_to_be_dark_until_one_of_them_shines() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let mut model = "mtllib a.mtl\n".to_string();
+    // A room, and two things in it.
+    for (number, size) in [(0, 9.0), (1, 1.0), (2, 2.0)] {
+        let corners = corners([-size; 3], [size; 3]);
+        model.extend(corners.map(|[x, y, z]| format!("v {x} {y} {z}\n")));
+        model += ["usemtl wall\n", "usemtl thing\n", "usemtl other\n"][number];
+        let face = |t: &[u16; 3]| {
+            t.iter().fold("f".to_string(), |face, k| {
+                face + &format!(" {}", usize::from(*k) + 8 * number + 1)
+            })
+        };
+        model.extend(SIDES.iter().map(|t| face(t) + "\n"));
+    }
+    std::fs::write(folder.path().join("a.obj"), model).expect("a file");
+    let materials = "newmtl wall\nKd .5 .5 .5\nnewmtl thing\nKd .8 0 0\nnewmtl other\nKd 0 .8 0\n";
+    std::fs::write(folder.path().join("a.mtl"), materials).expect("a file");
+    let (said, _) = render(folder.path(), "a.obj", &[]);
+    assert!(said.contains("24 of 36 triangles lie where no light comes"), "{said}");
+    let (said, _) = render(folder.path(), "a.obj", &["--emit", "other=5"]);
+    assert!(!said.contains("no light comes"), "{said}");
+}

@@ -1,0 +1,32 @@
+//! What is said of a picture that nobody asked for as it is.
+
+use crate::error::Warning;
+use crate::scene::{Camera, Scene};
+use crate::solution::Solution;
+
+/// Where a picture is seen from by a camera that nobody chose, if that may surprise.
+pub(super) fn on_the_camera(scene: &Scene, camera: &Camera) -> Option<Warning> {
+    let Some((first, of_file)) = scene.views.first() else { return scene.main_part_warning() };
+    let others = match scene.views.len() {
+        1 => String::new(),
+        count => format!("--view, it has {count}; or "),
+    };
+    Some(Warning::new(if *camera == of_file.placed(scene.origin) {
+        format!("seen by the model's camera `{first}` (another: {others}--position and --look-at)")
+    } else {
+        format!(
+            "the model's camera `{first}` sees no light, so another is taken (that one: --view {first})"
+        )
+    }))
+}
+
+/// Says so if most of a scene is dark.
+pub(super) fn on_the_dark(solution: &Solution) -> Option<Warning> {
+    let (dark, all) = (solution.patches().in_the_dark(), solution.scene().triangles.len());
+    (2 * dark > all).then(|| {
+        Warning::new(format!(
+            "{dark} of {all} triangles lie where no light comes, as in a closed room: let something there shine \
+             (--emit MATERIAL=RADIANCE)"
+        ))
+    })
+}
