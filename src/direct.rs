@@ -15,6 +15,7 @@ use crate::color::{Rgb, Rgb64, luminance64};
 use crate::error::{Error, Result};
 use crate::form_factor::Estimator;
 use crate::geometry::{Ray, RayCaster};
+use crate::layers::Layers;
 use crate::light::{EmittingTriangles, Facet, Light, UniformSky};
 use crate::patches::{Members, PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
@@ -145,7 +146,9 @@ struct DirectWork {
     segments: Vec<Ray>,
     /// The light that each segment brings if clear, and the sample's number.
     light: Vec<(Rgb64, u32)>,
-    blocked: Vec<bool>,
+    /// Of which this share passes.
+    shares: Vec<f32>,
+    layers: Layers,
 }
 
 impl DirectWork {
@@ -178,12 +181,13 @@ impl DirectWork {
                 self.light.push((sample.irradiance, k));
             }
         }
-        of.caster.occluded_batch(&self.segments, &mut self.blocked);
-        of.count_rays(self.segments.len());
+        let through = (of.caster, of.mesh);
+        of.count_rays(self.layers.passed(through, &self.segments, &mut self.shares));
         let (mut sum, mut eighths) = (Rgb64::ZERO, [0.0; EIGHTHS]);
-        for ((light, number), _) in self.light.iter().zip(&self.blocked).filter(|(_, b)| !**b) {
-            sum += *light;
-            eighths[block(*number, of.samples, EIGHTHS)] += luminance64(*light);
+        for ((light, number), share) in self.light.iter().zip(&self.shares) {
+            let light = *light * f64::from(*share);
+            sum += light;
+            eighths[block(*number, of.samples, EIGHTHS)] += luminance64(light);
         }
         let samples = |k: usize| numbers(k, of.samples as usize, EIGHTHS).len() as f64;
         let mean = |k: usize| (eighths[k] / samples(k).max(1.0)) as f32;

@@ -1,6 +1,7 @@
 //! A camera for a scene that came without one.
 //!
-//! An object is seen whole, from three quarters outside. A room, whose walls turn their backs or their
+//! An object is seen whole, from three quarters outside, without the few triangles that lie far from the rest and
+//! without all of a wide ground. A room, whose walls turn their backs or their
 //! dark sides outwards, is seen from within.
 
 use crate::geometry::bounds::Bounds;
@@ -17,26 +18,26 @@ const GOOD_ENOUGH: f64 = 0.75;
 const MARGIN: f32 = 1.06;
 
 impl Document {
-    /// The described camera, or the first of the model files if it sees any light, or one that is fitted to the scene,
-    /// of whose triangles the given sides reflect.
+    /// The described camera, or the first of the model files' that is not in the dark, or one that is fitted to the
+    /// scene, of whose triangles the given sides reflect.
     pub fn view(&self, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> Camera {
         if let Some(camera) = &self.camera {
             return camera.placed(scene.origin);
         }
-        let of_file = scene.views.first().map(|(_, camera)| camera.placed(scene.origin));
-        of_file
-            .filter(|camera| sees_light(camera, scene, sides, caster))
+        let mut of_files = scene.views.iter().map(|(_, camera)| camera.placed(scene.origin));
+        of_files
+            .find(|camera| !is_in_the_dark(camera, scene, sides, caster))
             .unwrap_or_else(|| fitted(scene, sides, caster))
     }
 }
 
-/// Whether a camera sees anything that reflects light or emits it: one in a solid sees nothing but black.
-fn sees_light(camera: &Camera, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> bool {
-    grid(camera).any(|ray| {
+/// Whether a camera sees nothing but dark sides wherever it looks, as one in a solid does.
+fn is_in_the_dark(camera: &Camera, scene: &Scene, sides: &[Sides], caster: &dyn RayCaster) -> bool {
+    grid(camera).all(|ray| {
         caster.nearest(&ray).is_some_and(|hit| {
             let is_back = !is_front(scene, hit.triangle, &ray);
-            sides[hit.triangle.index()].has(is_back)
-                || scene.radiance_on(hit.triangle, is_back) != Vec3::ZERO
+            !sides[hit.triangle.index()].has(is_back)
+                && scene.radiance_on(hit.triangle, is_back) == Vec3::ZERO
         })
     })
 }

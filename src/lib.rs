@@ -116,6 +116,7 @@ pub mod field;
 pub mod form_factor;
 mod framing;
 pub mod geometry;
+mod layers;
 pub mod light;
 mod lit_sides;
 mod memory;

@@ -29,7 +29,7 @@ pub(super) struct Collapse<'t> {
     costs: Vec<Costs>,
     /// Per binary node, where its costs are.
     place: Vec<u32>,
-    /// For each binary node, the number of triangles below it, or one more than a leaf has.
+    /// For each binary node, the number of triangles below it, or one more than a leaf may have.
     triangles: Vec<u8>,
 }
 

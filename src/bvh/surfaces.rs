@@ -27,12 +27,13 @@ impl<C: RayCaster> Surfaces<C> {
     fn seen(&self, ray: &Ray, hit: Option<Hit>, ending: impl FnOnce() -> Ending) -> Option<Hit> {
         let found = hit?;
         if !self.has_openings {
-            return Some(self.in_plane(ray, found, |_| true));
+            return self.seen_in_plane(ray, found, |_| true);
         }
         let ending = ending();
         let stops = |hit: &Hit| self.stops(ray, ending, hit);
-        let stop = if stops(&found) { hit } else { self.inner.nearest_stop(ray, &stops) };
-        stop.map(|stop| self.in_plane(ray, stop, stops))
+        let seen = |hit: &Hit| self.seen_in_plane(ray, *hit, stops);
+        let stop = |hit: &Hit| seen(hit).is_some();
+        seen(&found).or_else(|| seen(&self.inner.nearest_stop(ray, &stop)?))
     }
 
     fn faces(&self, ray: &Ray, triangle: TriangleId) -> bool {
@@ -47,7 +48,8 @@ impl<C: RayCaster> Surfaces<C> {
     fn passes(&self, ray: &Ray) -> bool {
         let ending = Ending::by_chance(ray);
         let stops = |hit: &Hit| self.stops(ray, ending, hit);
-        self.has_openings && self.inner.nearest_stop(ray, &stops).is_none()
+        let stop = |hit: &Hit| self.seen_in_plane(ray, *hit, stops).is_some();
+        self.has_openings && self.inner.nearest_stop(ray, &stop).is_none()
     }
 
     fn is_grazing(&self, ray: &Ray, triangle: TriangleId) -> bool {
@@ -55,23 +57,26 @@ impl<C: RayCaster> Surfaces<C> {
         normal.dot(ray.direction).abs() <= GRAZING * ray.direction.length()
     }
 
-    /// The seen one of the triangles that stop the ray in one plane, of which one is given.
-    fn in_plane(&self, ray: &Ray, stop: Hit, stops: impl Fn(&Hit) -> bool) -> Hit {
+    /// The seen one of the triangles in one plane that stop the ray, if any does. One that the ray meets is given: a
+    /// caster that goes on behind it may miss others at the same distance.
+    fn seen_in_plane(&self, ray: &Ray, met: Hit, stops: impl Fn(&Hit) -> bool) -> Option<Hit> {
         let overlaps = self.scene.overlaps();
-        let others = overlaps.with(stop.triangle);
-        if others.is_empty() || self.is_grazing(ray, stop.triangle) {
-            return stop;
+        let others = overlaps.with(met.triangle);
+        let mut seen = stops(&met).then_some(met);
+        if others.is_empty() || self.is_grazing(ray, met.triangle) {
+            return seen;
         }
         let place = |hit: &Hit| (hit.triangle, self.faces(ray, hit.triangle));
-        let mut seen = stop;
         for &triangle in others {
             let other = MollerTrumbore::intersect(ray, &self.scene.triangles[triangle.index()])
                 .map(|(t, u, v)| Hit { triangle, t, u, v });
-            if let Some(other) = other
-                && overlaps.comes_first(place(&other), place(&seen))
+            let comes_first = |other: &Hit| {
+                seen.is_none_or(|seen| overlaps.comes_first(place(other), place(&seen)))
+            };
+            if let Some(other) = other.filter(comes_first)
                 && stops(&other)
             {
-                seen = other;
+                seen = Some(other);
             }
         }
         seen

@@ -51,11 +51,11 @@ impl Gathering<'_> {
         bars: &Bars,
     ) -> Result<(Image, Option<Partial>)> {
         let mut partial = Partial::of(self.output);
-        if self.resume && partial.is_begun()? {
-            self.take_up(&mut drawing, partial.path())?;
-        }
         let known_fingerprint = OnceCell::new();
         let fingerprint = || *known_fingerprint.get_or_init(self.fingerprint);
+        if self.resume && partial.is_begun()? {
+            take_up(&mut drawing, partial.path(), fingerprint())?;
+        }
         let after = |since: Instant| self.preview.map(|every| since + every);
         let mut preview = after(Instant::now());
         let (mut was_interrupted, mut has_failed) = (false, false);
@@ -81,22 +81,6 @@ impl Gathering<'_> {
         }
     }
 
-    fn take_up(&self, drawing: &mut Drawing, path: &Path) -> Result<()> {
-        let bytes = SEAL.read(path)?;
-        let (fingerprint, rounds): (u32, Rounds) =
-            SEAL.open(&bytes).map_err(|error| error.in_file(path).remedy(ANEW))?;
-        let other = Error::new("the unfinished picture is of another scene, or of other options");
-        if fingerprint != (self.fingerprint)() {
-            return Err(other.in_file(path).remedy(
-                "repeat the options with which it was begun, or delete the file to begin anew",
-            ));
-        }
-        match drawing.take_up(rounds) {
-            true => Ok(()),
-            false => Err(SEAL.contradiction().in_file(path).remedy(ANEW)),
-        }
-    }
-
     /// Renews the picture's file. Where that fails the run goes on: a warning says so the first time.
     fn show(&self, image: Option<Image>, has_failed: &mut bool) {
         let Some(image) = image else { return };
@@ -110,6 +94,22 @@ impl Gathering<'_> {
             let text = format!("{}; the run goes on without a preview", error.cause());
             warn(&[Warning::in_file(self.output, None, text)]);
         }
+    }
+}
+
+fn take_up(drawing: &mut Drawing, path: &Path, known: u32) -> Result<()> {
+    let bytes = SEAL.read(path)?;
+    let (fingerprint, rounds): (u32, Rounds) =
+        SEAL.open(&bytes).map_err(|error| error.in_file(path).remedy(ANEW))?;
+    let other = Error::new("the unfinished picture is of another scene, or of other options");
+    if fingerprint != known {
+        return Err(other.in_file(path).remedy(
+            "repeat the options with which it was begun, or delete the file to begin anew",
+        ));
+    }
+    match drawing.take_up(rounds) {
+        true => Ok(()),
+        false => Err(SEAL.contradiction().in_file(path).remedy(ANEW)),
     }
 }
 

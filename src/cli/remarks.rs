@@ -6,17 +6,19 @@ use crate::solution::Solution;
 
 /// Where a picture is seen from by a camera that nobody chose, if that may surprise.
 pub(super) fn on_the_camera(scene: &Scene, camera: &Camera) -> Option<Warning> {
-    let Some((first, of_file)) = scene.views.first() else { return scene.main_part_warning() };
+    let Some((first, _)) = scene.views.first() else { return scene.main_part_warning() };
+    let is_used = |(_, of_file): &&(String, Camera)| *camera == of_file.placed(scene.origin);
     let others = match scene.views.len() {
         1 => String::new(),
         count => format!("--view, it has {count}; or "),
     };
-    Some(Warning::new(if *camera == of_file.placed(scene.origin) {
-        format!("seen by the model's camera `{first}` (another: {others}--position and --look-at)")
-    } else {
-        format!(
-            "the model's camera `{first}` sees no light, so another is taken (that one: --view {first})"
-        )
+    Some(Warning::new(match scene.views.iter().find(is_used) {
+        Some((name, _)) => format!(
+            "seen by the model's camera `{name}` (another: {others}--position and --look-at)"
+        ),
+        None => format!(
+            "the model's camera `{first}` is in the dark, so another is taken (that one: --view {first})"
+        ),
     }))
 }
 

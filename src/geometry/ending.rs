@@ -16,26 +16,26 @@ pub struct Ending {
 const MOST_PASSED: usize = 8;
 
 impl Ending {
-    /// By chance: random numbers, of the ray alone. Enderton, Sintorn, Shirley & Luebke, *Stochastic Transparency*,
-    /// I3D 2010.
+    /// An ending by chance, with random numbers that are the ray's own: Enderton, Sintorn, Shirley & Luebke,
+    /// *Stochastic Transparency*, I3D 2010.
     pub fn by_chance(ray: &Ray) -> Ending {
         let parts = [ray.origin.to_array(), ray.direction.to_array()];
         let bits = parts.as_flattened().iter().fold(0, |bits, x| mix(bits, x.to_bits().into()));
         Ending { bits, passed: [TriangleId(0); MOST_PASSED], count: 0, is_random: true }
     }
 
-    /// At the first triangle that stops any light.
+    /// An ending at the first triangle that stops any light.
     pub fn at_first(ray: &Ray) -> Ending {
         Ending { is_random: false, ..Ending::by_chance(ray) }
     }
 
-    /// At the next triangle behind this one, which it passes. Behind the eighth it ends by chance.
+    /// The same, but that it passes this triangle. Where it passes eight it is one by chance.
     pub fn behind(mut self, triangle: TriangleId) -> Ending {
         if let Some(passed) = self.passed.get_mut(self.count) {
             *passed = triangle;
             self.count += 1;
         }
-        self.is_random = self.count == MOST_PASSED;
+        self.is_random |= self.count == MOST_PASSED;
         self
     }
 

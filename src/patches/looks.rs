@@ -23,6 +23,7 @@ pub(crate) struct Look {
 /// The patches' means. Each list is empty where all patches have their material's own value.
 #[derive(Debug, Default)]
 pub(super) struct Looks {
+    is_see_through: bool,
     reflectance: Vec<Rgb>,
     radiance: Vec<Rgb>,
     opacity: Vec<f32>,
@@ -46,6 +47,7 @@ impl Looks {
             mesh.mean_over_members(PatchId(i), of_member).x
         };
         Looks {
+            is_see_through: scene.is_see_through(),
             reflectance: all(reflects, |place| place.mean_reflectance()),
             radiance: all(emits, |place| place.mean_radiance()),
             opacity: (0..see_through).into_par_iter().map(opacity).collect(),
@@ -73,6 +75,11 @@ impl PatchMesh {
     /// Whether anything varies over a triangle.
     pub(crate) fn varies(&self) -> bool {
         !(self.looks.reflectance.is_empty() && self.looks.radiance.is_empty())
+    }
+
+    /// Whether light may go straight through any surface.
+    pub(crate) fn is_see_through(&self) -> bool {
+        self.looks.is_see_through
     }
 
     /// Whether the radiance varies over a side.

@@ -11,6 +11,7 @@ mod start;
 
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
+use crate::layers::Layers;
 use crate::light::{Light, LightSample};
 use crate::patches::{PatchMesh, Side};
 use crate::sampling::{Purpose, Shuffled, cosine_hemisphere};
@@ -56,7 +57,9 @@ struct Step {
     hits: Vec<Option<Hit>>,
     /// The walk of each segment to a light, and what it brings.
     shadows: Vec<(usize, Rgb)>,
-    blocked: Vec<bool>,
+    /// Of which this share passes.
+    shares: Vec<f32>,
+    layers: Layers,
 }
 
 impl Paths<'_> {
@@ -155,10 +158,10 @@ impl Paths<'_> {
                 step.shadows.push((walk.start, walk.weight * sample.irradiance.as_vec3()));
             }
         }
-        self.caster.occluded_batch(&step.rays, &mut step.blocked);
-        self.count_rays(step.rays.len());
-        for (&(start, light), blocked) in step.shadows.iter().zip(&step.blocked) {
-            sum[start] += if *blocked { Rgb::ZERO } else { light };
+        let through = (self.caster, self.mesh);
+        self.count_rays(step.layers.passed(through, &step.rays, &mut step.shares));
+        for (&(start, light), share) in step.shadows.iter().zip(&step.shares) {
+            sum[start] += light * *share;
         }
     }
 

@@ -2,7 +2,6 @@
 
 mod frame;
 pub(crate) mod gather;
-mod layers;
 mod samples;
 pub(crate) mod tone;
 
@@ -71,7 +70,7 @@ pub fn render(
     fields: &[&dyn IrradianceField],
     progress: &dyn Progress,
 ) -> Vec<Image> {
-    let shot = Shot { eye: Eye::new(caster, mesh, camera, frame), fields };
+    let shot = Shot { eye: Eye { caster, mesh, camera, frame }, fields };
     let row_length = frame.width as usize * fields.len();
     let tile = samples::pixels_per_tile(frame);
     progress.begin(Stage::Render, Some(frame.height as u64));
@@ -123,7 +122,7 @@ pub fn pixel(
     at: (usize, usize),
     field: &dyn IrradianceField,
 ) -> Rgb {
-    let shot = Shot { eye: Eye::new(caster, mesh, camera, frame), fields: &[field] };
+    let shot = Shot { eye: Eye { caster, mesh, camera, frame }, fields: &[field] };
     let mut pixel = [Pixel::default()];
     Work::default().draw(&shot, at, &mut pixel);
     pixel[0].radiance

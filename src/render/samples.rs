@@ -1,9 +1,9 @@
 //! The samples of a picture's pixels: rays, and what they meet.
 
 use super::frame::{Background, Frame};
-use super::layers::Layers;
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
+use crate::layers::Layers;
 use crate::patches::{Look, PatchMesh, SampleId, SurfacePoint};
 use crate::sampling::{PointSet, Purpose, Stream};
 use crate::scene::Camera;
@@ -15,20 +15,9 @@ pub(super) struct Eye<'a> {
     pub mesh: &'a PatchMesh,
     pub camera: &'a Camera,
     pub frame: &'a Frame,
-    /// Whether a ray may go on behind what it meets.
-    is_see_through: bool,
 }
 
-impl<'a> Eye<'a> {
-    pub(super) fn new(
-        caster: &'a dyn RayCaster,
-        mesh: &'a PatchMesh,
-        camera: &'a Camera,
-        frame: &'a Frame,
-    ) -> Self {
-        Eye { caster, mesh, camera, frame, is_see_through: mesh.scene.is_see_through() }
-    }
-
+impl Eye<'_> {
     /// The radiance behind the scene.
     pub(super) fn background(&self) -> Rgb {
         match self.frame.background {
@@ -84,13 +73,8 @@ impl<'m> Samples<'m> {
     /// Takes samples of some pixels.
     pub(super) fn take(&mut self, eye: &Eye<'m>, wanted: &[Wanted]) {
         self.aim(eye, wanted);
-        self.traced = if eye.is_see_through {
-            let through = (eye.caster, &eye.mesh.scene);
-            self.layers.find(through, &self.rays, &self.numbers, &mut self.hits)
-        } else {
-            eye.caster.nearest_batch(&self.rays, &mut self.hits);
-            self.rays.len()
-        };
+        let through = (eye.caster, eye.mesh);
+        self.traced = self.layers.ends(through, &self.rays, &self.numbers, &mut self.hits);
         self.meet(eye, wanted);
         if eye.mesh.varies() {
             self.look(eye.mesh, sample_width(eye.camera, eye.frame));

@@ -7,20 +7,23 @@ use crate::geometry::Triangle;
 use crate::geometry::bounds::Bounds;
 use glam::Vec3;
 
-/// Strays have no more than this share of the area.
-const LITTLE: f64 = 0.005;
-/// The rest has no more than this share of the extent of all, along the largest.
-const SMALL: usize = BINS / 3;
-/// The extent is looked at in this many parts.
+/// Strays have no more than these shares of the area and of the triangles.
+const STRAY_AREA: f64 = 0.005;
+const STRAY_COUNT: f64 = 0.1;
+/// The extent of all, along the largest, is looked at in this many parts; the rest has no more than so many.
 const BINS: usize = 64;
+const MAIN_BINS: usize = BINS / 3;
 /// Strays may be at both ends, along each axis.
 const ROUNDS: usize = 6;
 
-/// A ground is level to this cosine, in triangles of this share of the area or more, and has as many times the extent
-/// of what stands on it.
+/// A ground is level to this cosine, in triangles of this share of the area or more, and so many times as wide as what
+/// stands on it. It may be much wider than a speck, too.
 const LEVEL: f32 = 0.99;
-const LARGE: f64 = 0.01;
-const WIDE: f32 = 4.0;
+const GROUND_AREA: f64 = 0.01;
+const GROUND_WIDTH: std::ops::Range<f32> = 4.0..200.0;
+/// What stands on it is this share of its width high or more, and is in it up to this share of its height at most.
+const LEAST_HEIGHT: f32 = 0.05;
+const MOST_DEPTH: f32 = 0.25;
 
 impl Scene {
     /// The box of what a picture should show.
@@ -33,15 +36,14 @@ impl Scene {
     pub(crate) fn main_part_warning(&self) -> Option<Warning> {
         let part = self.without_strays();
         let strays = self.triangles.iter().filter(|t| !is_in(t, &part)).count();
+        let far = format!("{strays} of {} triangles lie far from the rest", self.triangles.len());
         let what = match (strays, self.without_ground(&part)) {
             (0, None) => return None,
             (0, Some(_)) => {
                 "the ground is wide, and the picture shows what stands on it".to_string()
             }
-            _ => format!(
-                "{strays} of {} triangles lie far from the rest, which alone the picture shows",
-                self.triangles.len()
-            ),
+            (_, None) => format!("{far}, which alone the picture shows"),
+            (_, Some(_)) => format!("{far}, and the picture shows what stands on a wide ground"),
         };
         Some(Warning::new(format!("{what} (else: --position and --look-at)")))
     }
@@ -58,13 +60,24 @@ impl Scene {
 
     /// The box of what stands on a wide ground, if there is one.
     fn without_ground(&self, part: &Bounds) -> Option<Bounds> {
-        let least = LARGE * self.area();
-        let is_ground = |t: &Triangle| t.area() >= least && t.normal().dot(self.up).abs() > LEVEL;
-        let others = self.triangles.iter().filter(|t| is_in(t, part) && !is_ground(t));
-        let rest: Bounds = others.flat_map(|t| t.p).collect();
-        let level = Vec3::ONE - self.up.abs();
-        let extent = |bounds: &Bounds| (bounds.diagonal() * level).max_element();
-        (rest.min.x <= rest.max.x && WIDE * extent(&rest) < extent(part)).then_some(rest)
+        let least = GROUND_AREA * self.area();
+        let inside = || self.triangles.iter().filter(|t| is_in(t, part));
+        let is_level = |t: &&Triangle| t.area() >= least && t.normal().dot(self.up).abs() > LEVEL;
+        let rest: Bounds = inside().filter(|t| !is_level(t)).flat_map(|t| t.p).collect();
+        let ground: Bounds = inside().filter(is_level).flat_map(|t| t.p).collect();
+        if rest == Bounds::EMPTY || ground == Bounds::EMPTY {
+            return None;
+        }
+        let width =
+            |bounds: &Bounds| (bounds.diagonal() * (Vec3::ONE - self.up.abs())).max_element();
+        let heights = |bounds: &Bounds| {
+            let [a, b] = [bounds.min, bounds.max].map(|corner| corner.dot(self.up));
+            [a.min(b), a.max(b)]
+        };
+        let ([bottom, top], [_, level]) = (heights(&rest), heights(&ground));
+        let stands = top - bottom >= LEAST_HEIGHT * width(&rest)
+            && level <= bottom + MOST_DEPTH * (top - bottom);
+        (stands && GROUND_WIDTH.contains(&(width(part) / width(&rest)))).then_some(rest)
     }
 }
 
@@ -83,13 +96,14 @@ fn main_run<'t>(
     let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b]))?;
     let bin = |x: f32| (((x - part.min[axis]) / size[axis] * BINS as f32) as usize).min(BINS - 1);
     // How many triangles begin before each bin, less those that end; and the areas that begin in it.
-    let (mut open, mut areas) = ([0i64; BINS + 1], [0.0; BINS]);
+    let (mut open, mut begun, mut areas) = ([0i64; BINS + 1], [0; BINS], [0.0; BINS]);
     for triangle in triangles.clone() {
         let bounds = triangle.bounds();
         let (first, last) = (bin(bounds.min[axis]), bin(bounds.max[axis]));
         open[first] += 1;
         open[last + 1] -= 1;
         areas[first] += triangle.area();
+        begun[first] += 1;
     }
     let mut runs: Vec<(std::ops::Range<usize>, f64)> = Vec::new();
     let mut count = 0;
@@ -106,7 +120,11 @@ fn main_run<'t>(
     }
     let total: f64 = areas.iter().sum();
     let (run, area) = runs.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    if run.len() > SMALL || total - area > LITTLE * total {
+    let (all, of_run): (usize, usize) = (begun.iter().sum(), begun[run.clone()].iter().sum());
+    if run.len() > MAIN_BINS
+        || total - area > STRAY_AREA * total
+        || (all - of_run) as f64 > STRAY_COUNT * all as f64
+    {
         return None;
     }
     let kept = triangles.filter(|triangle| run.contains(&bin(triangle.bounds().min[axis])));
@@ -140,20 +158,34 @@ mod tests {
         };
         let far = [(0.1, Vec3::Z * 9.0), (0.2, Vec3::Z * -40.0), (0.1, Vec3::Y * 12.0)];
         assert_eq!(with(&far).0, main);
-        // A ground is looked at where something stands on it.
-        let ground = |size: f32| [(size, Vec3::new(-0.3 * size, -1.0, -0.3 * size))];
-        let level = |&(size, at): &(f32, Vec3)| Triangle {
-            p: [Vec3::ZERO, Vec3::Z, Vec3::X].map(|p| p * size + at),
-        };
-        let on_ground = |size: f32| {
-            scene(ball.iter().copied().chain(ground(size).iter().map(level)).collect()).main_part()
-        };
-        assert_eq!(on_ground(20.0), main);
-        assert!(on_ground(6.0).diagonal().x > 5.0);
         // A large one, and a near one.
         for alone in [(1.0, Vec3::Z * 9.0), (0.1, Vec3::Z * 3.0)] {
             let (part, all) = with(&[alone]);
             assert_eq!(part, all);
         }
+    }
+
+    #[test]
+    fn what_stands_on_a_wide_ground_is_looked_at_and_nothing_else() {
+        let ball = shapes::icosphere(3);
+        let with = |size: f32, height: f32, scale: f32| {
+            let corners = [Vec3::ZERO, Vec3::Z, Vec3::X].map(|p| p * size);
+            let at = Vec3::new(-0.3 * size, height, -0.3 * size);
+            let ground = Triangle { p: corners.map(|p| p + at) };
+            let thing = ball.iter().map(|t| Triangle { p: t.p.map(|p| p * scale) });
+            let scene = scene(thing.chain([ground]).collect());
+            scene.main_part() != scene.bounds()
+        };
+        assert!(with(20.0, -1.0, 1.0) && with(20.0, -0.6, 1.0));
+        // Not wide, a roof, in the middle, and a speck.
+        assert!(!with(6.0, -1.0, 1.0) && !with(20.0, 1.0, 1.0));
+        assert!(!with(20.0, 0.0, 1.0) && !with(20.0, -0.01, 0.01));
+        // Flat things do not stand.
+        let tile = |k: u8| Triangle {
+            p: [Vec3::ZERO, Vec3::Z, Vec3::X].map(|p| p + Vec3::X * f32::from(k)),
+        };
+        let map =
+            scene((0..3).map(tile).chain([Triangle { p: tile(0).p.map(|p| p * 40.0) }]).collect());
+        assert_eq!(map.main_part(), map.bounds());
     }
 }

@@ -60,7 +60,7 @@ fn a_camera_in_a_closed_box_gives_way_unless_it_is_asked_for() {
     std::fs::write(folder.path().join("a.gltf"), model.to_string()).expect("a file");
     let middle = |picture: &image::RgbImage| picture.get_pixel(16, 16).0[0];
     let (said, picture) = render(folder.path(), "a.gltf", &[]);
-    assert!(said.contains("`within` sees no light, so another is taken"), "{said}");
+    assert!(said.contains("`within` is in the dark, so another is taken"), "{said}");
     assert!(middle(&picture) > 150);
     let (said, picture) = render(folder.path(), "a.gltf", &["--view", "within"]);
     assert!(!said.contains("camera"), "{said}");

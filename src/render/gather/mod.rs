@@ -83,7 +83,7 @@ impl Drawing<'_> {
     pub(crate) fn go_on(&mut self, until: Option<Instant>, progress: &dyn Progress) -> bool {
         let Gathered { mesh, lights, solved } = self.light;
         let (camera, frame, caster) = (&self.camera, &self.frame, self.caster);
-        let eye = Eye::new(caster, mesh, camera, frame);
+        let eye = Eye { caster, mesh, camera, frame };
         let rays = AtomicU64::new(self.rounds.rays);
         let paths = Paths { caster, mesh, lights, known: Some(solved), seed: frame.seed, rays };
         let is_over = self.rounds.go_on(&eye, &paths, until, progress);
