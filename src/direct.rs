@@ -15,7 +15,7 @@ use crate::color::{Rgb, Rgb64, luminance64};
 use crate::error::{Error, Result};
 use crate::form_factor::Estimator;
 use crate::geometry::{Ray, RayCaster};
-use crate::layers::Layers;
+use crate::layers::{Along, Layers};
 use crate::light::{EmittingTriangles, Facet, Light, UniformSky};
 use crate::patches::{Members, PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
@@ -182,7 +182,9 @@ impl DirectWork {
             }
         }
         let through = (of.caster, of.mesh);
-        of.count_rays(self.layers.passed(through, &self.segments, &mut self.shares));
+        // A patch has many directions to the sky, among which chance leaves little noise.
+        let layers = if matches!(purpose, Purpose::Sky) { Along::Chance } else { Along::Layers };
+        of.count_rays(self.layers.passed(layers, through, &self.segments, &mut self.shares));
         let (mut sum, mut eighths) = (Rgb64::ZERO, [0.0; EIGHTHS]);
         for ((light, number), share) in self.light.iter().zip(&self.shares) {
             let light = *light * f64::from(*share);

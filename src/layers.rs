@@ -21,6 +21,15 @@ pub(crate) struct Layers {
     rest: Vec<f32>,
 }
 
+/// How it is found out what passes along a segment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Along {
+    /// Layer by layer.
+    Layers,
+    /// All or nothing: quicker.
+    Chance,
+}
+
 impl Layers {
     /// Where each ray ends, by a number in [0, 1) of its own. Returns how many rays were traced for it.
     pub(crate) fn ends(
@@ -30,7 +39,7 @@ impl Layers {
         numbers: &[f32],
         hits: &mut Vec<Option<Hit>>,
     ) -> usize {
-        if !mesh.is_see_through() {
+        if !mesh.is_translucent() {
             caster.nearest_batch(rays, hits);
             return rays.len();
         }
@@ -53,12 +62,13 @@ impl Layers {
     /// The share of the light in [0, 1] that passes along each segment. Returns how many rays were traced for it.
     pub(crate) fn passed(
         &mut self,
+        along: Along,
         (caster, mesh): (&dyn RayCaster, &PatchMesh),
         segments: &[Ray],
         shares: &mut Vec<f32>,
     ) -> usize {
         shares.clear();
-        if !mesh.is_see_through() {
+        if along == Along::Chance || !mesh.is_translucent() {
             caster.occluded_batch(segments, &mut self.blocked);
             shares.extend(self.blocked.iter().map(|blocked| if *blocked { 0.0 } else { 1.0 }));
             return segments.len();
@@ -174,7 +184,7 @@ mod tests {
         assert_eq!(seen, [1024, 0, 1536, 192, 1344]);
         assert_eq!(traced, RAYS + 3072 + 1536 + 1344);
         let mut shares = Vec::new();
-        Layers::default().passed((&tracer, &mesh), &rays(), &mut shares);
+        Layers::default().passed(Along::Layers, (&tracer, &mesh), &rays(), &mut shares);
         assert_eq!(shares, vec![0.75 * 0.5 * 0.875; RAYS]);
         // What is left of the last number is rounded up.
         let (mesh, mut hits) = (panes(&[0.09, 1.0]), Vec::new());
@@ -184,7 +194,7 @@ mod tests {
         let mesh = panes(&[0.25, 1.0, 0.5]);
         let tracer = Tracer::build(&mesh.scene);
         assert_eq!(ends(&tracer, &mesh).0, [1024, 3072, 0, 0]);
-        Layers::default().passed((&tracer, &mesh), &rays(), &mut shares);
+        Layers::default().passed(Along::Layers, (&tracer, &mesh), &rays(), &mut shares);
         assert_eq!(shares, vec![0.0; RAYS]);
     }
 
@@ -207,7 +217,7 @@ mod tests {
             [&Tracer::build(&mesh.scene) as &dyn RayCaster, &Plain(Tracer::build(&mesh.scene))]
         {
             let mut shares = Vec::new();
-            Layers::default().passed((caster, &mesh), &rays(), &mut shares);
+            Layers::default().passed(Along::Layers, (caster, &mesh), &rays(), &mut shares);
             let mean = shares.iter().map(|share| f64::from(*share)).sum::<f64>() / RAYS as f64;
             assert!((mean - 0.875f64.powi(20)).abs() < 0.02, "{mean}");
         }

@@ -31,9 +31,17 @@ impl<C: RayCaster> Surfaces<C> {
         }
         let ending = ending();
         let stops = |hit: &Hit| self.stops(ray, ending, hit);
+        self.seen_in_plane(ray, found, stops).or_else(|| self.stop(ray, ending))
+    }
+
+    /// What is seen where a ray ends.
+    fn stop(&self, ray: &Ray, ending: Ending) -> Option<Hit> {
+        let stops = |hit: &Hit| self.stops(ray, ending, hit);
+        if self.scene.overlaps().is_empty() {
+            return self.inner.nearest_stop(ray, &stops);
+        }
         let seen = |hit: &Hit| self.seen_in_plane(ray, *hit, stops);
-        let stop = |hit: &Hit| seen(hit).is_some();
-        seen(&found).or_else(|| seen(&self.inner.nearest_stop(ray, &stop)?))
+        seen(&self.inner.nearest_stop(ray, &|hit| seen(hit).is_some())?)
     }
 
     fn faces(&self, ray: &Ray, triangle: TriangleId) -> bool {
@@ -46,10 +54,7 @@ impl<C: RayCaster> Surfaces<C> {
 
     /// Whether a ray that meets something goes through all of it.
     fn passes(&self, ray: &Ray) -> bool {
-        let ending = Ending::by_chance(ray);
-        let stops = |hit: &Hit| self.stops(ray, ending, hit);
-        let stop = |hit: &Hit| self.seen_in_plane(ray, *hit, stops).is_some();
-        self.has_openings && self.inner.nearest_stop(ray, &stop).is_none()
+        self.has_openings && self.stop(ray, Ending::by_chance(ray)).is_none()
     }
 
     fn is_grazing(&self, ray: &Ray, triangle: TriangleId) -> bool {
@@ -109,9 +114,14 @@ impl<C: RayCaster> RayCaster for Surfaces<C> {
     }
 
     fn nearest_ending(&self, rays: &[Ray], endings: &[Ending], hits: &mut Vec<Option<Hit>>) {
-        self.inner.nearest_batch(rays, hits);
-        for ((ray, ending), hit) in rays.iter().zip(endings).zip(hits) {
-            *hit = self.seen(ray, *hit, || *ending);
+        if endings.iter().all(|ending| !ending.passes_any()) {
+            self.inner.nearest_batch(rays, hits);
+            for ((ray, ending), hit) in rays.iter().zip(endings).zip(hits) {
+                *hit = self.seen(ray, *hit, || *ending);
+            }
+        } else {
+            hits.clear();
+            hits.extend(rays.iter().zip(endings).map(|(ray, ending)| self.stop(ray, *ending)));
         }
     }
 

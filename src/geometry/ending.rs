@@ -43,6 +43,10 @@ impl Ending {
         self.is_random
     }
 
+    pub(crate) fn passes_any(&self) -> bool {
+        self.count > 0
+    }
+
     pub fn passes(&self, triangle: TriangleId) -> bool {
         self.passed[..self.count].contains(&triangle)
     }

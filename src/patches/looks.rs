@@ -23,7 +23,7 @@ pub(crate) struct Look {
 /// The patches' means. Each list is empty where all patches have their material's own value.
 #[derive(Debug, Default)]
 pub(super) struct Looks {
-    is_see_through: bool,
+    is_translucent: bool,
     reflectance: Vec<Rgb>,
     radiance: Vec<Rgb>,
     opacity: Vec<f32>,
@@ -47,7 +47,7 @@ impl Looks {
             mesh.mean_over_members(PatchId(i), of_member).x
         };
         Looks {
-            is_see_through: scene.is_see_through(),
+            is_translucent: scene.is_translucent(),
             reflectance: all(reflects, |place| place.mean_reflectance()),
             radiance: all(emits, |place| place.mean_radiance()),
             opacity: (0..see_through).into_par_iter().map(opacity).collect(),
@@ -77,9 +77,9 @@ impl PatchMesh {
         !(self.looks.reflectance.is_empty() && self.looks.radiance.is_empty())
     }
 
-    /// Whether light may go straight through any surface.
-    pub(crate) fn is_see_through(&self) -> bool {
-        self.looks.is_see_through
+    /// Whether any surface lets a share of the light through, and not all or nothing at each point.
+    pub(crate) fn is_translucent(&self) -> bool {
+        self.looks.is_translucent
     }
 
     /// Whether the radiance varies over a side.

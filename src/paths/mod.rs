@@ -11,7 +11,7 @@ mod start;
 
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, RayCaster};
-use crate::layers::Layers;
+use crate::layers::{Along, Layers};
 use crate::light::{Light, LightSample};
 use crate::patches::{PatchMesh, Side};
 use crate::sampling::{Purpose, Shuffled, cosine_hemisphere};
@@ -90,7 +90,8 @@ impl Paths<'_> {
                 let [y0, y1, ..] = self.numbers(Purpose::Lamp, &starts[walk.start], 0);
                 emitters.sample_at(walk.point, walk.normal, [y0, y1])
             };
-            self.sample(&mut step, one, irradiance);
+            // What is straight is not filtered.
+            self.sample(Along::Layers, &mut step, one, irradiance);
         }
     }
 
@@ -125,7 +126,7 @@ impl Paths<'_> {
             let one = |walk: &Walk| {
                 emitters.sample_at(walk.point, walk.normal, numbers(&starts[walk.start]))
             };
-            self.sample(step, one, sum);
+            self.sample(Along::Chance, step, one, sum);
         }
     }
 
@@ -140,12 +141,13 @@ impl Paths<'_> {
                 }
                 solved.bright.sample_at(walk.point, walk.normal, [xi[0], xi[1]])
             };
-            self.sample(step, sample, sum);
+            self.sample(Along::Chance, step, sample, sum);
         }
     }
 
     fn sample(
         &self,
+        along: Along,
         step: &mut Step,
         sample: impl Fn(&Walk) -> Option<LightSample>,
         sum: &mut [Rgb],
@@ -159,7 +161,7 @@ impl Paths<'_> {
             }
         }
         let through = (self.caster, self.mesh);
-        self.count_rays(step.layers.passed(through, &step.rays, &mut step.shares));
+        self.count_rays(step.layers.passed(along, through, &step.rays, &mut step.shares));
         for (&(start, light), share) in step.shadows.iter().zip(&step.shares) {
             sum[start] += light * *share;
         }

@@ -17,6 +17,11 @@ impl Scene {
         self.used_materials().any(Material::is_see_through)
     }
 
+    /// Whether a share of the light may go straight through any triangle, and not all or nothing at each point.
+    pub(crate) fn is_translucent(&self) -> bool {
+        self.used_materials().any(|m| m.is_see_through() && m.opacity_cutoff.is_none())
+    }
+
     /// Whether something else than the first triangle that a ray meets may be seen.
     pub(crate) fn hides_or_opens(&self) -> bool {
         self.is_see_through() || !self.overlaps().is_empty()
