@@ -3,6 +3,7 @@
 use super::arguments::{LightArguments, RunArguments, SceneArguments};
 use super::partial::Partial;
 use super::progress::{Bars, OnSignal};
+use super::remarks;
 use super::report::{Report, Seconds};
 use super::{say, signals, warn};
 use crate::bvh::{Effort, Tracer};
@@ -86,7 +87,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
     if !plan.is_in_two_levels() {
         let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
         let seconds = Seconds::new(load, build, &spent);
-        finish(arguments, &solution, seconds, spent.rays, (start, &inputs))?;
+        finish(arguments, (&document, &solution), seconds, spent.rays, (start, &inputs))?;
         return Ok(ExitCode::SUCCESS);
     }
     if !arguments.resume {
@@ -122,7 +123,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
         let mut solution = put_together(vec![part]);
         spent.rays += solution.certify(&tracer);
         let seconds = Seconds::new(load, build, &spent);
-        finish(arguments, &solution, seconds, spent.rays, (start, &inputs))?;
+        finish(arguments, (&document, &solution), seconds, spent.rays, (start, &inputs))?;
     }
     partial.remove();
     Ok(ExitCode::SUCCESS)
@@ -142,7 +143,7 @@ fn interrupted(partial: &Partial) -> ExitCode {
 /// Writes the light and what is to be said of it.
 fn finish(
     arguments: &Arguments,
-    solution: &Solution,
+    (document, solution): (&Document, &Solution),
     mut seconds: Seconds,
     rays: u64,
     (start, inputs): (Instant, &Inputs),
@@ -155,6 +156,10 @@ fn finish(
         files.push(Output { path: path.clone(), bytes: report.to_json() });
     }
     write_all(files, inputs)?;
+    if document.camera.is_none() {
+        warn(remarks::on_the_camera(solution.scene(), &solution.camera).as_slice());
+    }
+    warn(remarks::on_the_dark(solution).as_slice());
     warn(report.warning().as_slice());
     say(&report.to_text())
 }

@@ -62,6 +62,10 @@ fn a_camera_in_a_closed_box_gives_way_unless_it_is_asked_for() {
     let (said, picture) = render(folder.path(), "a.gltf", &[]);
     assert!(said.contains("`within` is in the dark, so another is taken"), "{said}");
     assert!(middle(&picture) > 150);
+    let mut solve = Command::cargo_bin("isolux").expect("the program is built");
+    solve.current_dir(folder.path()).args(["solve", "a.gltf", "-o", "a.light"]);
+    let said = solve.assert().success().get_output().stderr.clone();
+    assert!(String::from_utf8(said).expect("text").contains("`within` is in the dark"));
     let (said, picture) = render(folder.path(), "a.gltf", &["--view", "within"]);
     assert!(!said.contains("camera"), "{said}");
     assert_eq!(middle(&picture), 0);
