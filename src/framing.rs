@@ -1,8 +1,7 @@
 //! A camera for a scene that came without one.
 //!
 //! An object is seen whole, from three quarters outside, without the few triangles that lie far from the rest and
-//! without all of a wide ground. A room, whose walls turn their backs or their
-//! dark sides outwards, is seen from within.
+//! without all of a wide ground. A room, whose walls turn their backs or their dark sides outwards, is seen from within.
 
 use crate::geometry::bounds::Bounds;
 use crate::geometry::{Ray, RayCaster, TriangleId};

@@ -2,8 +2,8 @@
 //!
 //! Of triangles that overlap in one plane one is seen, whichever rounding puts in front ([`Overlaps`]). A cut-out
 //! lets a ray through exactly where its texture is transparent. Where a share d of the light is stopped, a ray
-//! is stopped with probability d, by a number that depends on the ray and the triangle alone, unless whoever asks
-//! says how it ends ([`Ending`]). So every caster that meets the same triangles gives the same answer.
+//! is stopped with probability d, by a number that depends on the ray and the triangle alone, unless the
+//! caller says how it ends ([`Ending`]). So every caster that meets the same triangles gives the same answer.
 
 use crate::geometry::{Ending, Hit, Kernel, MollerTrumbore, Ray, RayCaster, TriangleId};
 use crate::scene::Scene;
@@ -34,7 +34,7 @@ impl<C: RayCaster> Surfaces<C> {
         self.seen_in_plane(ray, found, stops).or_else(|| self.stop(ray, ending))
     }
 
-    /// What is seen where a ray ends.
+    /// The hit that a viewer sees where a ray ends.
     fn stop(&self, ray: &Ray, ending: Ending) -> Option<Hit> {
         let stops = |hit: &Hit| self.stops(ray, ending, hit);
         if self.scene.overlaps().is_empty() {

@@ -34,8 +34,8 @@ pub(super) fn is_refused() -> bool {
 }
 
 /// Has blocks of 2 MiB or more given back to the system as soon as they are freed. The GNU allocator would raise that
-/// size with every such block that is freed, and keep those below it: a fifth of the memory at the peak of a large scene. What it keeps of
-/// small ones is not adjusted any more either.
+/// size with every such block that is freed, and keep those below it: a fifth of the memory at the peak of a large
+/// scene. How much it keeps of small ones is not adjusted any more either.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub(super) fn give_back_large_blocks() {
     const LARGE: i32 = 2 << 20;

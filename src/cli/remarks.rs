@@ -1,4 +1,4 @@
-//! What is said of a picture that nobody asked for as it is.
+//! Remarks on choices that the program made for the user.
 
 use crate::error::Warning;
 use crate::scene::{Camera, Scene};

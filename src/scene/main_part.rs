@@ -10,14 +10,14 @@ use glam::Vec3;
 /// Strays have no more than these shares of the area and of the triangles.
 const STRAY_AREA: f64 = 0.005;
 const STRAY_COUNT: f64 = 0.1;
-/// The extent of all, along the largest, is looked at in this many parts; the rest has no more than so many.
+/// The longest side of the box around all is divided into `BINS` parts, of which the rest fills `MAIN_BINS` at most.
 const BINS: usize = 64;
 const MAIN_BINS: usize = BINS / 3;
 /// Strays may be at both ends, along each axis.
 const ROUNDS: usize = 6;
 
-/// A ground is level to this cosine, in triangles of this share of the area or more, and so many times as wide as what
-/// stands on it. It may be much wider than a speck, too.
+/// A ground is level to the cosine `LEVEL`, in triangles of at least the share `GROUND_AREA` of the area. Its width is a
+/// multiple of that of the things on it: beside a narrower one they are large, and on a wider one they are specks.
 const LEVEL: f32 = 0.99;
 const GROUND_AREA: f64 = 0.01;
 const GROUND_WIDTH: std::ops::Range<f32> = 4.0..200.0;
