@@ -5,6 +5,7 @@
 
 use super::material::MaterialId;
 use super::topology::{Topology, VertexId};
+use crate::error::Warning;
 
 /// What becomes of the copies.
 pub(super) struct Sheets {
@@ -15,6 +16,17 @@ pub(super) struct Sheets {
     /// Copies that are left out: those that became backs, and the others.
     pub backs: usize,
     pub equal: usize,
+}
+
+impl Sheets {
+    pub(super) fn warning(&self) -> Warning {
+        Warning::new(format!(
+            "{} triangles lie exactly where others do: {} are taken as the backs of these, {} are left out",
+            self.backs + self.equal,
+            self.backs,
+            self.equal
+        ))
+    }
 }
 
 /// `None` if no triangle is there twice.

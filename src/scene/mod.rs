@@ -2,6 +2,7 @@
 
 mod assumed_sky;
 mod beside;
+mod bins;
 mod budget;
 pub mod camera;
 mod coincident;
@@ -146,28 +147,43 @@ impl Scene {
         }
     }
 
-    /// The triangles of a model relative to an origin, without those that have no area.
+    /// The triangles of a model relative to an origin, without those that have no area; those that lie exactly where
+    /// others do are one sheet with these. `warnings` says so.
     fn of_model(mut model: Model, origin: DVec3) -> Self {
+        let mut warnings = Vec::new();
         let positions = model.positions_from(origin);
         // Large models come near to filling the memory: nothing is kept longer than it is needed.
         model.positions = Vec::new();
         let triangle = |t: &[u32; 3]| Triangle { p: t.map(|corner| positions[corner as usize]) };
-        let kept: Vec<bool> = model.triangles.iter().map(|t| triangle(t).area() > 0.0).collect();
-        let degenerate = kept.iter().filter(|kept| !**kept).count();
+        let has_area: Vec<bool> =
+            model.triangles.par_iter().map(|t| triangle(t).area() > 0.0).collect();
+        let degenerate = has_area.iter().filter(|has_area| !**has_area).count();
         if degenerate > 0 {
-            mesh::retain(&mut model.triangles, &kept);
-            mesh::retain(&mut model.material_of, &kept);
-            model.mesh.retain(&kept);
+            let before = has_area.len();
+            warnings.push(Warning::new(format!(
+                "{degenerate} of {before} triangles have no area and are left out"
+            )));
+            model.retain(&has_area);
+        }
+        let mut topology = Topology::of_indexed(&model.triangles, &positions);
+        let mut back_of = Arc::default();
+        if let Some(sheets) = coincident::find(&topology, &model.material_of) {
+            warnings.push(sheets.warning());
+            topology = topology.without_copies(&sheets.kept);
+            model.retain(&sheets.kept);
+            back_of = sheets.back_of.into();
         }
         let triangles = model.triangles.iter().map(triangle).collect();
         Scene {
             degenerate,
+            back_of,
+            warnings,
             mesh: model.mesh.into(),
             textures: model.textures.into(),
             views: model.views,
             files: model.files,
             origin,
-            known_topology: known(Topology::of_indexed(model.triangles, &positions)),
+            known_topology: Arc::new(OnceLock::from(topology)),
             ..Scene::plain(triangles, model.material_of.into(), model.materials)
         }
     }
@@ -211,16 +227,9 @@ impl Scene {
             warnings.push(upright::said(scene.up));
         }
         scene.metres_per_unit = description.metres_per_unit;
-        if scene.degenerate > 0 {
-            warnings.push(Warning::new(format!(
-                "{} of {} triangles have no area and are left out",
-                scene.degenerate,
-                scene.degenerate + scene.triangles.len()
-            )));
-        }
+        warnings.append(&mut scene.warnings);
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
-        let mut scene = scene.merge_copies();
         scene.set_sky(description, has_surroundings);
         scene.warnings.extend(scene.overlap_warnings());
         scene.warnings.extend(scene.crowding_warning());
@@ -273,26 +282,6 @@ impl Scene {
         used.map(|material| &self.materials[material.0 as usize])
     }
 
-    /// Makes one sheet of triangles that lie exactly where others do.
-    fn merge_copies(mut self) -> Scene {
-        let Some(sheets) = coincident::find(self.topology(), &self.material_of) else {
-            return self;
-        };
-        self.warnings.push(Warning::new(format!(
-            "{} triangles lie exactly where others do: {} are taken as the backs of these, {} are left out",
-            sheets.backs + sheets.equal,
-            sheets.backs,
-            sheets.equal
-        )));
-        self.known_topology = known(self.topology().without_copies(&sheets.kept));
-        self.known_overlaps = Arc::default();
-        self.triangles = of_kept(&self.triangles, &sheets.kept);
-        self.material_of = of_kept(&self.material_of, &sheets.kept);
-        self.back_of = sheets.back_of.into();
-        Arc::make_mut(&mut self.mesh).retain(&sheets.kept);
-        self
-    }
-
     /// A kernel multiplies three lengths, so their cubes must be normal f32 numbers.
     pub(crate) fn check_extent(&self, file: &Path) -> Result<()> {
         if self.triangles.is_empty() {
@@ -327,17 +316,6 @@ impl Scene {
         }
         Ok(())
     }
-}
-
-/// A topology that need not be found again.
-fn known(topology: Topology) -> Arc<OnceLock<Topology>> {
-    Arc::new(OnceLock::from(topology))
-}
-
-/// The items that are `kept`, copied once: the length of the list is known before.
-fn of_kept<T: Copy>(items: &[T], kept: &[bool]) -> Arc<[T]> {
-    let numbers: Vec<usize> = (0..items.len()).filter(|number| kept[*number]).collect();
-    numbers.iter().map(|number| items[*number]).collect()
 }
 
 /// A round place near models that lie far from the origin, compared with their own size; else zero.

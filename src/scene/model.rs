@@ -2,11 +2,12 @@
 
 use super::camera::Camera;
 use super::material::{Material, MaterialId};
-use super::mesh::Mesh;
+use super::mesh::{self, Mesh};
 use super::text::LARGEST;
 use super::texture::Texture;
 use crate::error::{Error, Result, Warning};
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -60,9 +61,16 @@ impl Model {
         self.usual_up = self.usual_up.or(more.usual_up);
     }
 
+    /// Leaves out the triangles that are not `kept`.
+    pub(super) fn retain(&mut self, kept: &[bool]) {
+        mesh::retain(&mut self.triangles, kept);
+        mesh::retain(&mut self.material_of, kept);
+        self.mesh.retain(kept);
+    }
+
     /// The positions as f32 relative to a place.
     pub(super) fn positions_from(&self, origin: DVec3) -> Vec<Vec3> {
-        self.positions.iter().map(|position| (position - origin).as_vec3()).collect()
+        self.positions.par_iter().map(|position| (position - origin).as_vec3()).collect()
     }
 }
 

@@ -1,6 +1,8 @@
 //! Which triangles share vertices and edges.
 
+use super::bins::binned;
 use super::groups::Groups;
+use super::mesh;
 use crate::geometry::{Triangle, TriangleId};
 use foldhash::fast::RandomState;
 use glam::Vec3;
@@ -53,22 +55,21 @@ impl Topology {
     ///
     /// # Panics
     /// If an index is out of range, or there are more than 2³² / 3 triangles.
-    pub(super) fn of_indexed(triangles: Vec<[u32; 3]>, positions: &[Vec3]) -> Topology {
-        let mut vertices = Vertices::for_about(positions.len());
-        let places: Vec<VertexId> = positions.iter().map(|p| vertices.at(*p)).collect();
+    pub(super) fn of_indexed(triangles: &[[u32; 3]], positions: &[Vec3]) -> Topology {
+        let places = welded(positions);
         // Vertices are numbered by their first corner, not their first position.
         const UNNUMBERED: u32 = u32::MAX;
-        let mut numbers = vec![UNNUMBERED; vertices.count()];
+        let mut numbers = vec![UNNUMBERED; positions.len()];
         let mut count = 0;
         let mut number = |position: u32| {
-            let number = &mut numbers[places[position as usize].0 as usize];
+            let number = &mut numbers[places[position as usize] as usize];
             if *number == UNNUMBERED {
                 *number = count;
                 count += 1;
             }
             VertexId(*number)
         };
-        let corners = triangles.into_iter().map(|t| t.map(&mut number)).collect();
+        let corners = triangles.iter().map(|t| t.map(&mut number)).collect();
         Topology::of(corners, count as usize)
     }
 
@@ -80,14 +81,13 @@ impl Topology {
 
     /// The topology without the triangles that are not `kept`, each of which has the vertices of a kept one
     /// before it: so the vertices stay as they are.
-    pub(super) fn without_copies(&self, kept: &[bool]) -> Topology {
-        let stays = |(corners, stays): (&[VertexId; 3], &bool)| stays.then_some(*corners);
-        let corners = self.corners.iter().zip(kept).filter_map(stays).collect();
-        Topology::of(corners, self.vertex_count)
+    pub(super) fn without_copies(mut self, kept: &[bool]) -> Topology {
+        mesh::retain(&mut self.corners, kept);
+        Topology::of(self.corners, self.vertex_count)
     }
 
     fn half_edges(&self) -> &[HalfNumber] {
-        self.known_half_edges.get_or_init(|| sorted_half_edges(&self.corners, self.vertex_count))
+        known(&self.known_half_edges, || sorted_half_edges(&self.corners, self.vertex_count))
     }
 
     /// Every edge once, with all triangles that have it, in either direction.
@@ -97,11 +97,16 @@ impl Topology {
 
     /// Edges that only one triangle has. A closed mesh has none.
     pub fn open_edges(&self) -> usize {
-        self.chunks().filter(|edge| edge.len() == 1).count()
+        let edges = self.half_edges().par_chunk_by(|a, b| self.have_same_ends(*a, *b));
+        edges.filter(|edge| edge.len() == 1).count()
     }
 
     fn chunks(&self) -> impl Iterator<Item = &[HalfNumber]> {
-        self.half_edges().chunk_by(|a, b| ends(&self.corners, *a) == ends(&self.corners, *b))
+        self.half_edges().chunk_by(|a, b| self.have_same_ends(*a, *b))
+    }
+
+    fn have_same_ends(&self, a: HalfNumber, b: HalfNumber) -> bool {
+        ends(&self.corners, a) == ends(&self.corners, b)
     }
 
     /// Triangles that hang together by edges, part by part, of the parts that are closed: each edge
@@ -130,7 +135,7 @@ impl Topology {
 
     /// Lists of two or more triangles with the same three vertices, in the triangles' order.
     pub(super) fn copies(&self) -> &[Vec<TriangleId>] {
-        self.known_copies.get_or_init(|| self.find_copies())
+        known(&self.known_copies, || self.find_copies())
     }
 
     fn find_copies(&self) -> Vec<Vec<TriangleId>> {
@@ -150,6 +155,56 @@ impl Topology {
         });
         copies.collect()
     }
+}
+
+/// Finds what is not known yet, outside the lock: a thread that waits for others in it may be given work that asks for
+/// the same. Two threads that ask at once both find it.
+fn known<T>(lock: &OnceLock<Vec<T>>, find: impl FnOnce() -> Vec<T>) -> &[T] {
+    match lock.get() {
+        Some(known) => known,
+        None => {
+            let found = find();
+            lock.get_or_init(|| found)
+        }
+    }
+}
+
+/// Per position, the number of the first one at exactly the same place.
+fn welded(positions: &[Vec3]) -> Vec<u32> {
+    // Each bin's table fits a cache.
+    const BINS: usize = 1 << 10;
+    let hasher = RandomState::default();
+    let bits_at = |number: u32| bits_of(positions[number as usize]);
+    let hashes: Vec<u64> =
+        positions.par_iter().map(|position| hasher.hash_one(bits_of(*position))).collect();
+    let hash = |number: u32| hashes[number as usize];
+    // The highest and the lowest bits are those that a table looks at.
+    let bin = |number: u32| (hash(number) >> 40) as usize % BINS;
+    let bins = binned(positions.len() as u32, BINS, bin);
+    let repeated_in = |bin: &[u32]| {
+        let mut firsts = HashTable::with_capacity(bin.len());
+        let mut repeated = Vec::new();
+        for &number in bin {
+            let is_same = |known: &u32| bits_at(*known) == bits_at(number);
+            match firsts.find(hash(number), is_same) {
+                Some(&first) => repeated.push((number, first)),
+                None => {
+                    firsts.insert_unique(hash(number), number, |known| hash(*known));
+                }
+            }
+        }
+        repeated
+    };
+    let repeated: Vec<(u32, u32)> =
+        bins.par_chunk_by(|a, b| bin(*a) == bin(*b)).flat_map_iter(repeated_in).collect();
+    let mut places: Vec<u32> = (0..positions.len() as u32).collect();
+    repeated.into_iter().for_each(|(number, first)| places[number as usize] = first);
+    places
+}
+
+/// The bits of the coordinates. Adding zero makes −0 equal to 0.
+fn bits_of(position: Vec3) -> [u32; 3] {
+    (position + Vec3::ZERO).to_array().map(f32::to_bits)
 }
 
 /// Vertices by their positions, numbered as they first appear.
@@ -172,9 +227,7 @@ impl Vertices {
 
     fn at(&mut self, position: Vec3) -> VertexId {
         let Vertices { positions, numbers, hasher } = self;
-        // Adding zero makes −0 equal to 0.
-        let [x, y, z] = (position + Vec3::ZERO).to_array();
-        let bits = [x.to_bits(), y.to_bits(), z.to_bits()];
+        let bits = bits_of(position);
         let at = |number: &u32| positions[*number as usize];
         let same = |number: &u32| at(number) == bits;
         let known = numbers.entry(hasher.hash_one(bits), same, |n| hasher.hash_one(at(n)));
@@ -210,26 +263,8 @@ fn ends(corners: &[[VertexId; 3]], half: HalfNumber) -> (VertexId, VertexId) {
 fn sorted_half_edges(corners: &[[VertexId; 3]], vertex_count: usize) -> Vec<HalfNumber> {
     let lower = |half| ends(corners, half).0.0 as usize;
     let mut sorted = binned(3 * corners.len() as HalfNumber, vertex_count, lower);
-    // Not in parallel: a thread that waits for others may be given work that asks for these very edges.
-    let bins = sorted.chunk_by_mut(|a, b| lower(*a) == lower(*b));
+    let bins = sorted.par_chunk_by_mut(|a, b| lower(*a) == lower(*b));
     bins.for_each(|bin| bin.sort_unstable_by_key(|half| (ends(corners, *half).1, *half)));
-    sorted
-}
-
-/// The numbers below `count`, bin by bin, in ascending order in each.
-fn binned(count: u32, bins: usize, bin: impl Fn(u32) -> usize) -> Vec<u32> {
-    let mut next = vec![0u32; bins];
-    (0..count).for_each(|number| next[bin(number)] += 1);
-    let mut filled = 0;
-    for start in &mut next {
-        filled += std::mem::replace(start, filled);
-    }
-    let mut sorted = vec![0; count as usize];
-    for number in 0..count {
-        let place = &mut next[bin(number)];
-        sorted[*place as usize] = number;
-        *place += 1;
-    }
     sorted
 }
 
@@ -261,7 +296,7 @@ mod tests {
         let indices = vec![[2, 5, 3], [4, 3, 1], [3, 5, 1], [5, 2, 1]];
         let triangles: Vec<Triangle> =
             indices.iter().map(|t| Triangle { p: t.map(|k: u32| p[k as usize]) }).collect();
-        let (direct, indexed) = (Topology::new(&triangles), Topology::of_indexed(indices, &p));
+        let (direct, indexed) = (Topology::new(&triangles), Topology::of_indexed(&indices, &p));
         assert_eq!((&indexed.corners, indexed.vertex_count), (&direct.corners, 4));
         assert_eq!(indexed.open_edges(), 0);
     }

@@ -7,6 +7,7 @@ use super::json::{Accessor, Root, SparseList};
 use crate::error::{Error, Result};
 use crate::scene::beside::Files;
 use crate::scene::budget::Budget;
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// A model's JSON and its buffers.
@@ -24,7 +25,7 @@ struct Layout<'a> {
 }
 
 /// A number that is read: u32 for indices, f64 for all else.
-pub(super) trait Number: Copy {
+pub(super) trait Number: Copy + Send {
     fn of(number: f64) -> Self;
 }
 
@@ -184,7 +185,8 @@ impl Layout<'_> {
             let at = item * self.stride + k * size;
             T::of(self.component.number(&self.bytes[at..at + size], normalized))
         };
-        (0..count).map(|item| std::array::from_fn(|k| number(item, k))).collect()
+        let items = (0..count).into_par_iter();
+        items.map(|item| std::array::from_fn(|k| number(item, k))).collect()
     }
 }
 

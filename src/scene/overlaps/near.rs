@@ -3,7 +3,7 @@
 //! The boxes are sorted by size, then along a Morton curve; eight in a row have a box around them, eight of those
 //! again, and so on. Each row of eight is compared with those behind it that its box touches.
 
-use super::row::{Boxes, Flat, PARALLEL, Row, WIDTH, lanes};
+use super::row::{Boxes, Flat, PARALLEL, Row, Spread, WIDTH, lanes};
 use crate::geometry::bounds::Bounds;
 use crate::simd;
 use fearless_simd::{Simd, dispatch};
@@ -71,8 +71,11 @@ impl Tree {
         let boxes = numbers.clone().into_par_iter().map(|number| thing(number).bounds);
         let all = boxes.reduce(|| Bounds::EMPTY, |a, b| a.with(&b));
         let placed = |number| (place(&thing(number).bounds, &all), number);
-        let order = in_order(numbers.into_par_iter().map(placed).collect());
-        let rows: Vec<Row> = order.par_chunks(WIDTH).map(|row| Row::new(row, &thing)).collect();
+        let mut placed: Vec<(u64, u32)> = numbers.into_par_iter().map(placed).collect();
+        placed.par_sort_unstable();
+        let order: Vec<u32> = placed.into_iter().map(|(_, number)| number).collect();
+        let rows: Vec<Row> =
+            order.par_chunks(WIDTH).map(|row| Row::new(row.iter().copied(), &thing)).collect();
         let groups = rows.par_chunks(WIDTH);
         let around = |rows: &[Row]| Boxes::new(rows.iter().map(|row| row.boxes.around()));
         let mut levels: Vec<Vec<Boxes>> = vec![groups.map(around).collect()];
@@ -85,12 +88,12 @@ impl Tree {
 
     /// The groups of rows from `first` on that touch a box.
     #[inline(always)]
-    fn touching<S: Simd>(&self, simd: S, bounds: &Bounds, first: usize) -> Vec<usize> {
+    fn touching<S: Simd>(&self, simd: S, other: &Spread<S>, first: usize) -> Vec<usize> {
         let mut nodes = vec![0];
         for (level, boxes) in self.levels.iter().enumerate().skip(1).rev() {
             let mut children = Vec::with_capacity(32);
             for node in nodes {
-                for lane in lanes(boxes[node].touching(simd, bounds)) {
+                for lane in lanes(boxes[node].touching(simd, other)) {
                     let child = node * WIDTH + lane;
                     let end = (child + 1) * WIDTH.pow(level as u32 - 1);
                     if end > first {
@@ -119,9 +122,9 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     fn pairs_of<S: Simd>(&mut self, simd: S, group: usize) {
         let Tree { rows, levels } = self.tree;
         let own = &levels[0][group];
-        let others = self.tree.touching(simd, &own.around(), group);
+        let others = self.tree.touching(simd, &Spread::of(simd, &own.around()), group);
         for (lane, row) in rows.iter().skip(group * WIDTH).take(WIDTH).enumerate() {
-            let bounds = own.get(lane);
+            let bounds = own.spread(simd, lane);
             self.pairs_within(simd, row);
             for &other in &others {
                 if self.counts[0] > self.most[0] || self.counts[1] > self.most[1] {
@@ -140,15 +143,15 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     fn pairs_within<S: Simd>(&mut self, simd: S, row: &Row) {
         for lane in 0..WIDTH {
             let before = (2 << lane) - 1;
-            self.look(row, lane, (row, row.fitting(simd, &row.get(lane), PARALLEL) & !before));
+            self.look(row, lane, (row, row.fitting(simd, (row, lane), PARALLEL) & !before));
         }
     }
 
     #[inline(always)]
-    fn pairs_between<S: Simd>(&mut self, simd: S, (row, bounds): (&Row, &Bounds), other: &Row) {
+    fn pairs_between<S: Simd>(&mut self, simd: S, (row, bounds): (&Row, &Spread<S>), other: &Row) {
         for lane in lanes(other.boxes.touching(simd, bounds)) {
             self.counts[0] += WIDTH as u64;
-            self.look(other, lane, (row, row.fitting(simd, &other.get(lane), PARALLEL)));
+            self.look(other, lane, (row, row.fitting(simd, (other, lane), PARALLEL)));
         }
     }
 
@@ -166,34 +169,9 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     }
 }
 
-/// The numbers of keyed items, their keys in ascending order, those of equal keys as they are: a radix sort by 11 bits
-/// at a time. Keys move along with the numbers, since memory would be waited for if they stayed where they are.
-fn in_order(mut items: Vec<(u64, u32)>) -> Vec<u32> {
-    const BITS: u32 = 11;
-    let mut sorted = vec![(0, 0); items.len()];
-    for shift in (0..PLACE_BITS).step_by(BITS as usize) {
-        let digit = |key: u64| (key >> shift) as usize & ((1 << BITS) - 1);
-        let mut next = [0u32; 1 << BITS];
-        items.iter().for_each(|item| next[digit(item.0)] += 1);
-        let mut filled = 0;
-        for start in &mut next {
-            filled += std::mem::replace(start, filled);
-        }
-        for item in &items {
-            let place = &mut next[digit(item.0)];
-            sorted[*place as usize] = *item;
-            *place += 1;
-        }
-        std::mem::swap(&mut items, &mut sorted);
-    }
-    items.into_iter().map(|(_, number)| number).collect()
-}
-
-/// The bits of a place: 5 for the size, and for each coordinate as many as tell the triangles of large scans apart.
-const PLACE_BITS: u32 = 5 + 3 * 13;
-
 /// Boxes with near numbers have near sizes and near places: how often the whole would be divided by eight down to
-/// the size; then the bits of the centre's coordinates within the whole, interleaved (Morton, 1966).
+/// the size; then the bits of the centre's coordinates within the whole, interleaved (Morton, 1966); 13
+/// for each coordinate tell the triangles of large scans apart.
 fn place(bounds: &Bounds, whole: &Bounds) -> u64 {
     // What is no number casts to 0.
     let share = bounds.diagonal().max_element() / whole.diagonal().max_element();
@@ -215,16 +193,6 @@ fn spread(bits: u64) -> u64 {
 mod tests {
     use super::*;
     use crate::sampling::{PointSet, Purpose, Stream};
-
-    #[test]
-    fn keys_are_sorted_and_equal_ones_keep_their_order() {
-        let mixed =
-            |k: u64| k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - PLACE_BITS as u64 + k % 44);
-        let keys: Vec<u64> = (0..5000).map(mixed).collect();
-        let mut expected: Vec<u32> = (0..5000).collect();
-        expected.sort_by_key(|number| keys[*number as usize]);
-        assert_eq!(in_order(keys.into_iter().zip(0..).collect()), expected);
-    }
 
     #[test]
     fn bits_are_spread_by_two() {

@@ -59,16 +59,37 @@ impl Boxes {
         (0..WIDTH).fold(Bounds::EMPTY, |all, lane| all.with(&self.get(lane)))
     }
 
+    /// One of them, in all lanes. It is read from where it lies: a copy in between would be waited for.
+    #[inline(always)]
+    pub(super) fn spread<S: Simd>(&self, simd: S, lane: usize) -> Spread<S> {
+        Spread { min: spread(simd, &self.min, lane), max: spread(simd, &self.max, lane) }
+    }
+
     /// The lanes whose boxes touch another one, as a mask.
     #[inline(always)]
-    pub(super) fn touching<S: Simd>(&self, simd: S, bounds: &Bounds) -> u64 {
+    pub(super) fn touching<S: Simd>(&self, simd: S, other: &Spread<S>) -> u64 {
         let along = |axis: usize| {
             let min = f32x8::load_array_ref(simd, &self.min[axis]);
             let max = f32x8::load_array_ref(simd, &self.max[axis]);
-            let [low, high] = [bounds.min[axis], bounds.max[axis]];
-            min.simd_le(f32x8::splat(simd, high)) & max.simd_ge(f32x8::splat(simd, low))
+            min.simd_le(other.max[axis]) & max.simd_ge(other.min[axis])
         };
         (along(0) & along(1) & along(2)).to_bitmask()
+    }
+}
+
+/// One box in all lanes.
+pub(super) struct Spread<S: Simd> {
+    min: [f32x8<S>; 3],
+    max: [f32x8<S>; 3],
+}
+
+impl<S: Simd> Spread<S> {
+    #[inline(always)]
+    pub(super) fn of(simd: S, bounds: &Bounds) -> Self {
+        let [min, max] = [bounds.min, bounds.max];
+        let everywhere =
+            |v: Vec3| [f32x8::splat(simd, v.x), f32x8::splat(simd, v.y), f32x8::splat(simd, v.z)];
+        Spread { min: everywhere(min), max: everywhere(max) }
     }
 }
 
@@ -81,9 +102,9 @@ pub(super) struct Row {
 }
 
 impl Row {
-    pub(super) fn new(numbers: &[u32], thing: impl Fn(u32) -> Flat) -> Row {
+    pub(super) fn new(numbers: impl Iterator<Item = u32>, thing: impl Fn(u32) -> Flat) -> Row {
         let mut row = Row { boxes: Boxes::EMPTY, normals: [[0.0; WIDTH]; 3], numbers: [0; WIDTH] };
-        for (lane, &number) in numbers.iter().enumerate() {
+        for (lane, number) in numbers.enumerate() {
             let Flat { bounds, normal } = thing(number);
             row.boxes.set(lane, bounds);
             set(&mut row.normals, lane, normal);
@@ -92,21 +113,20 @@ impl Row {
         row
     }
 
-    pub(super) fn get(&self, lane: usize) -> Flat {
-        Flat { bounds: self.boxes.get(lane), normal: vector(&self.normals, lane) }
-    }
-
-    /// The lanes that may overlap another thing: their boxes touch its box, and the cosine between the normals
+    /// The lanes that may overlap a thing of some row: their boxes touch its box, and the cosine between the normals
     /// is larger than `parallel`, be it that one is turned round.
     #[inline(always)]
-    pub(super) fn fitting<S: Simd>(&self, simd: S, other: &Flat, parallel: f32) -> u64 {
-        let along = |axis: usize| {
-            f32x8::load_array_ref(simd, &self.normals[axis])
-                * f32x8::splat(simd, other.normal[axis])
-        };
+    pub(super) fn fitting<S: Simd>(
+        &self,
+        simd: S,
+        (row, lane): (&Row, usize),
+        parallel: f32,
+    ) -> u64 {
+        let normal = spread(simd, &row.normals, lane);
+        let along = |axis: usize| f32x8::load_array_ref(simd, &self.normals[axis]) * normal[axis];
         let cosines = along(0) + along(1) + along(2);
         let is_parallel = cosines.abs().simd_gt(f32x8::splat(simd, parallel));
-        self.boxes.touching(simd, &other.bounds) & is_parallel.to_bitmask()
+        self.boxes.touching(simd, &row.boxes.spread(simd, lane)) & is_parallel.to_bitmask()
     }
 }
 
@@ -124,6 +144,15 @@ fn set(lanes: &mut Lanes, lane: usize, vector: Vec3) {
     for axis in 0..3 {
         lanes[axis][lane] = vector[axis];
     }
+}
+
+#[inline(always)]
+fn spread<S: Simd>(simd: S, lanes: &Lanes, lane: usize) -> [f32x8<S>; 3] {
+    [
+        f32x8::splat(simd, lanes[0][lane]),
+        f32x8::splat(simd, lanes[1][lane]),
+        f32x8::splat(simd, lanes[2][lane]),
+    ]
 }
 
 #[inline(always)]
@@ -147,7 +176,8 @@ mod tests {
         let everywhere = Bounds { min: Vec3::splat(-1e30), max: Vec3::splat(1e30) };
         let beside = Bounds { min: Vec3::splat(0.25), max: Vec3::splat(9.0) };
         for other in [unit_box(3.0), unit_box(0.5), everywhere, beside] {
-            let touching = dispatch!(Level::new(), simd => boxes.touching(simd, &other));
+            let touching =
+                dispatch!(Level::new(), simd => boxes.touching(simd, &Spread::of(simd, &other)));
             let each = (0..5).filter(|&lane| boxes.get(lane).touches(&other));
             assert_eq!(lanes(touching).collect::<Vec<_>>(), each.collect::<Vec<_>>());
         }
@@ -160,9 +190,10 @@ mod tests {
             bounds: unit_box(if k == 7 { 4.0 } else { 0.0 }),
             normal: normals[k as usize % normals.len()],
         };
-        let row = Row::new(&[3, 1, 2, 5, 7, 6], thing);
+        let row = Row::new([3, 1, 2, 5, 7, 6].into_iter(), thing);
         let fitting = |parallel| {
-            let mask = dispatch!(Level::new(), simd => row.fitting(simd, &thing(0), parallel));
+            let other = Row::new([0].into_iter(), thing);
+            let mask = dispatch!(Level::new(), simd => row.fitting(simd, (&other, 0), parallel));
             lanes(mask).map(|lane| row.numbers[lane]).collect::<Vec<_>>()
         };
         assert_eq!(fitting(0.99), [3, 2, 5]);
