@@ -54,7 +54,7 @@ impl<S: Simd> Beam<S> {
     #[inline(always)]
     pub(super) fn enter(&self, packet: &Packet<S>, node: &Node) -> (u64, [f32; WIDTH]) {
         let simd = packet.simd;
-        let t_max = (packet.t_max * packet.t_scale).reduce_max();
+        let t_max = (packet.found.t_max * packet.t_scale).reduce_max();
         let (mut near, mut far) = (self.t_min, f32x8::splat(simd, t_max));
         let mut number = 0;
         while number < 3 {

@@ -73,15 +73,14 @@ pub(super) fn trace_interleaved<S: Simd, K: LeafKernel, const ANY: bool>(
 ) {
     let Some(&first) = which.first() else { return };
     let share = stack.len() / SLOTS;
-    let start = |index: u32, slot: usize, stack: &mut [Entry]| {
-        (Walk::new(&rays[index as usize], stack, slot * share), index)
-    };
-    let mut slots = [start(first, 0, stack); SLOTS];
+    let mut walks = [Walk::new(&rays[first as usize], stack, 0); SLOTS];
+    let mut numbers = [first; SLOTS];
     let mut ahead = Turn::EMPTY;
     let mut now = Turn::EMPTY;
     let mut next = 0;
     while next < which.len().min(SLOTS) {
-        slots[next] = start(which[next], next, stack);
+        numbers[next] = which[next];
+        walks[next] = Walk::new(&rays[which[next] as usize], stack, next * share);
         ahead.add_if(AT_NODE, true, next);
         next += 1;
     }
@@ -89,20 +88,20 @@ pub(super) fn trace_interleaved<S: Simd, K: LeafKernel, const ANY: bool>(
         std::mem::swap(&mut now, &mut ahead);
         ahead.counts = [0; 3];
         for slot in now.list(AT_NODE) {
-            let walk = &mut slots[slot].0;
+            let walk = &mut walks[slot];
             walk.visit_node::<S, ANY>(simd, &bvh.nodes, stack);
             ahead.add_next::<K, ANY>(slot, walk, bvh, stack);
         }
         for slot in now.list(AT_LEAF) {
-            let walk = &mut slots[slot].0;
+            let walk = &mut walks[slot];
             walk.visit_leaf::<S, K, ANY>(simd, bvh, stack);
             ahead.add_next::<K, ANY>(slot, walk, bvh, stack);
         }
         for slot in now.list(FINISHED) {
-            let (walk, index) = &slots[slot];
-            finish(*index as usize, walk.hit());
+            finish(numbers[slot] as usize, walks[slot].hit());
             if next < which.len() {
-                slots[slot] = start(which[next], slot, stack);
+                numbers[slot] = which[next];
+                walks[slot] = Walk::new(&rays[which[next] as usize], stack, slot * share);
                 next += 1;
                 // Every ray begins at the root, which is a node.
                 ahead.add_if(AT_NODE, true, slot);

@@ -21,6 +21,12 @@ pub struct Packet<S: Simd> {
     pub t_scale: f32x8<S>,
     pub band_scale: f32x8<S>,
     pub t_min: f32x8<S>,
+    pub found: Found<S>,
+}
+
+/// What eight rays have found.
+#[derive(Clone, Copy)]
+pub struct Found<S: Simd> {
     /// The ray's end, or its nearest hit so far.
     pub t_max: f32x8<S>,
     pub u: f32x8<S>,
@@ -101,62 +107,42 @@ impl<S: Simd> Packet<S> {
             t_scale,
             band_scale: band_scale(longest),
             t_min,
-            t_max,
-            u: zero,
-            v: zero,
-            rank: f32x8::splat(simd, NO_RANK),
+            found: Found { t_max, u: zero, v: zero, rank: f32x8::splat(simd, NO_RANK) },
         }
     }
 
-    /// The ray in a lane, up to its nearest hit so far.
+    /// The ray in a lane, up to its `t_max`.
     #[cold]
-    pub fn ray(&self, lane: usize) -> Ray {
+    pub fn ray(&self, lane: usize, t_max: f32x8<S>) -> Ray {
         let number = |lanes: f32x8<S>| <[f32; WIDTH]>::from(lanes)[lane];
         let vector = |v: [f32x8<S>; 3]| Vec3::new(number(v[0]), number(v[1]), number(v[2]));
         Ray {
             origin: vector(self.origin),
             direction: vector(self.direction),
             t_min: number(self.t_min),
-            t_max: number(self.t_max),
+            t_max: number(t_max),
         }
-    }
-
-    /// Keeps hits that are nearer, or as near and of a lower triangle. If `ANY`, keeps only that there is
-    /// a hit.
-    #[inline(always)]
-    pub fn keep<const ANY: bool>(&mut self, rank: f32, met: &Met<S>) {
-        let rank = f32x8::splat(self.simd, rank);
-        if ANY {
-            self.rank = met.lanes.select(rank, self.rank);
-            return;
-        }
-        let as_near = met.t.simd_le(self.t_max) & rank.simd_lt(self.rank);
-        let take = met.lanes & (met.t.simd_lt(self.t_max) | as_near);
-        self.t_max = take.select(met.t, self.t_max);
-        self.u = take.select(met.u / met.det, self.u);
-        self.v = take.select(met.v / met.det, self.v);
-        self.rank = take.select(rank, self.rank);
     }
 
     /// The nearest hit so far of the ray in a lane.
     #[inline(always)]
     pub fn hit(&self, lane: usize) -> Option<Hit> {
         let number = |lanes: &f32x8<S>| lanes.as_array()[lane];
-        let rank = number(&self.rank);
+        let rank = number(&self.found.rank);
         (rank < NO_RANK).then(|| Hit {
             triangle: id_of(rank),
-            t: number(&self.t_max),
-            u: number(&self.u),
-            v: number(&self.v),
+            t: number(&self.found.t_max),
+            u: number(&self.found.u),
+            v: number(&self.found.v),
         })
     }
 
     #[inline(always)]
     pub fn hits(&self) -> [Option<Hit>; WIDTH] {
-        let rank: [f32; WIDTH] = self.rank.into();
-        let t: [f32; WIDTH] = self.t_max.into();
-        let u: [f32; WIDTH] = self.u.into();
-        let v: [f32; WIDTH] = self.v.into();
+        let rank: [f32; WIDTH] = self.found.rank.into();
+        let t: [f32; WIDTH] = self.found.t_max.into();
+        let u: [f32; WIDTH] = self.found.u.into();
+        let v: [f32; WIDTH] = self.found.v.into();
         let mut hits = [None; WIDTH];
         let mut lane = 0;
         while lane < WIDTH {
@@ -172,13 +158,13 @@ impl<S: Simd> Packet<S> {
     /// The rays that have found nothing, as a mask.
     #[inline(always)]
     pub(super) fn searching(&self) -> u64 {
-        self.rank.simd_ge(f32x8::splat(self.simd, NO_RANK)).to_bitmask()
+        self.found.rank.simd_ge(f32x8::splat(self.simd, NO_RANK)).to_bitmask()
     }
 
     /// The rays' intervals in the units of distances to boxes.
     #[inline(always)]
     pub(super) fn interval(&self) -> [f32x8<S>; 2] {
-        [self.t_min * self.t_scale, self.t_max * self.t_scale]
+        [self.t_min * self.t_scale, self.found.t_max * self.t_scale]
     }
 
     /// Which of the rays enter a node's box number `slot` in their `interval`.
@@ -216,7 +202,26 @@ impl<S: Simd> Packet<S> {
     /// The rays that can still find something at `entry` or beyond, as a mask.
     #[inline(always)]
     pub(super) fn reaching(&self, entry: f32) -> u64 {
-        let last = stretched(self.t_max * self.t_scale);
+        let last = stretched(self.found.t_max * self.t_scale);
         last.simd_ge(f32x8::splat(self.simd, entry)).to_bitmask()
+    }
+}
+
+impl<S: Simd> Found<S> {
+    /// Keeps hits that are nearer, or as near and of a lower triangle. If `ANY`, keeps only that there is
+    /// a hit.
+    #[inline(always)]
+    pub fn keep<const ANY: bool>(&mut self, rank: f32, met: &Met<S>) {
+        let rank = f32x8::splat(self.rank.simd, rank);
+        if ANY {
+            self.rank = met.lanes.select(rank, self.rank);
+            return;
+        }
+        let as_near = met.t.simd_le(self.t_max) & rank.simd_lt(self.rank);
+        let take = met.lanes & (met.t.simd_lt(self.t_max) | as_near);
+        self.t_max = take.select(met.t, self.t_max);
+        self.u = take.select(met.u / met.det, self.u);
+        self.v = take.select(met.v / met.det, self.v);
+        self.rank = take.select(rank, self.rank);
     }
 }

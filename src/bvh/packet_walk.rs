@@ -73,14 +73,7 @@ pub(super) fn trace_packet<S: Simd, K: LeafKernel, const ANY: bool>(
                 }
                 ChildKind::Leaf(first, count) => {
                     let leaf = bvh.leaf(first, count);
-                    let mut number = 0;
-                    while number < count {
-                        let met = K::intersect_packet(&packet, active, leaf, number);
-                        if met.lanes.any_true() {
-                            packet.keep::<ANY>(leaf.rank(number), &met);
-                        }
-                        number += 1;
-                    }
+                    K::meet_leaf::<S, ANY>(&mut packet, active, leaf);
                 }
             },
         }
@@ -155,9 +148,9 @@ fn continue_single<S: Simd, K: LeafKernel, const ANY: bool>(
             values[lane] = value;
             *lanes = f32x8::load_array(packet.simd, values);
         };
-        set(&mut packet.rank, rank_of(hit.triangle));
-        set(&mut packet.t_max, hit.t);
-        set(&mut packet.u, hit.u);
-        set(&mut packet.v, hit.v);
+        set(&mut packet.found.rank, rank_of(hit.triangle));
+        set(&mut packet.found.t_max, hit.t);
+        set(&mut packet.found.u, hit.u);
+        set(&mut packet.found.v, hit.v);
     }
 }

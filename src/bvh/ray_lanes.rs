@@ -1,5 +1,6 @@
 //! One ray in all lanes, and its test against eight boxes.
 
+use super::WIDTH;
 use super::node::Node;
 use crate::geometry::Ray;
 use crate::geometry::moller_trumbore::band_scale;
@@ -19,6 +20,9 @@ pub(super) fn stretched<S: Simd>(far: f32x8<S>) -> f32x8<S> {
 /// 2⁻⁶⁴: below it directions are lengthened for the box test, to at least 2⁻⁸⁵ for any denormal.
 pub(super) const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
 
+/// Where the maxima of eight boxes begin behind their minima.
+const MAXIMA: u32 = WIDTH as u32;
+
 /// A ray with what is computed once for all boxes and triangles.
 #[derive(Debug, Clone, Copy)]
 pub struct PreparedRay {
@@ -26,8 +30,10 @@ pub struct PreparedRay {
     inverse: Vec3,
     /// Distances to boxes are in units of t times this, 1 but for directions of almost no length.
     pub t_scale: f32,
-    /// Per axis: which of (min, max) the ray meets first.
-    near: [usize; 3],
+    /// `t_min` in these units.
+    entry: f32,
+    /// Per axis: where the planes that the ray meets first begin among minima and maxima.
+    near: [u32; 3],
     /// See [`band_scale`].
     band_scale: f32,
 }
@@ -49,15 +55,13 @@ impl PreparedRay {
         // but 0·∞, the only source of NaN in a slab test of finite boxes, cannot occur.
         let lengthened = ray.direction * lengthen;
         let inverse = lengthened.recip().clamp(Vec3::MIN, Vec3::MAX);
+        let first = |inverse: f32| inverse.is_sign_negative() as u32 * MAXIMA;
         PreparedRay {
             ray: *ray,
             inverse,
             t_scale,
-            near: [
-                inverse.x.is_sign_negative() as usize,
-                inverse.y.is_sign_negative() as usize,
-                inverse.z.is_sign_negative() as usize,
-            ],
+            entry: ray.t_min * t_scale,
+            near: [first(inverse.x), first(inverse.y), first(inverse.z)],
             band_scale: band_scale(ray.direction),
         }
     }
@@ -83,7 +87,7 @@ impl<'r, S: Simd> RayLanes<'r, S> {
             origin: splat(simd, prepared.ray.origin),
             direction: splat(simd, prepared.ray.direction),
             inverse: splat(simd, prepared.inverse),
-            t_min: f32x8::splat(simd, prepared.ray.t_min * prepared.t_scale),
+            t_min: f32x8::splat(simd, prepared.entry),
             band_scale: f32x8::splat(simd, prepared.band_scale),
         }
     }
@@ -100,16 +104,18 @@ impl<'r, S: Simd> RayLanes<'r, S> {
             .max(self.slab(node, 1, y))
             .max(self.slab(node, 2, z).max(self.t_min));
         let far = self
-            .slab(node, 0, 1 - x)
-            .min(self.slab(node, 1, 1 - y))
-            .min(self.slab(node, 2, 1 - z).min(f32x8::splat(self.simd, t_max)));
+            .slab(node, 0, x ^ MAXIMA)
+            .min(self.slab(node, 1, y ^ MAXIMA))
+            .min(self.slab(node, 2, z ^ MAXIMA).min(f32x8::splat(self.simd, t_max)));
         (near.simd_le(stretched(far)), near)
     }
 
     /// Where the ray crosses eight boxes' planes.
     #[inline(always)]
-    fn slab(&self, node: &Node, axis: usize, side: usize) -> f32x8<S> {
-        let plane = f32x8::load_array_ref(self.simd, &node.bounds[axis][side & 1]);
+    fn slab(&self, node: &Node, axis: usize, first: u32) -> f32x8<S> {
+        let first = (first & MAXIMA) as usize;
+        let planes = &node.bounds[axis].as_flattened()[first..first + WIDTH];
+        let plane = f32x8::from_slice(self.simd, planes);
         (plane - self.origin[axis]) * self.inverse[axis]
     }
 }

@@ -8,7 +8,7 @@
 use super::kernel8::LeafKernel;
 use super::leaf::{Leaf, NO_RANK, id_of};
 use super::node::Node;
-use super::packet::{Packet, band_scale, columns, longest};
+use super::packet::{Found, Packet, band_scale, columns, longest};
 use super::ray_lanes::stretched;
 use super::{Bvh, Child, ChildKind, WIDTH};
 use crate::geometry::{Hit, Ray};
@@ -173,7 +173,7 @@ impl Rows {
                 axis += 1;
             }
             packet.t_scale.store_slice(&mut self.t_scale[at.clone()]);
-            packet.t_max.store_slice(&mut self.t_max[at.clone()]);
+            packet.found.t_max.store_slice(&mut self.t_max[at.clone()]);
             self.rank[at].fill(NO_RANK);
         }
     }
@@ -212,17 +212,7 @@ impl Rows {
             eight[..part.len()].copy_from_slice(part);
             let mut packet = self.gather(simd, &eight);
             let active = (1 << part.len()) - 1;
-            let mut any = false;
-            let mut number = 0;
-            while number < leaf.count {
-                let met = K::intersect_packet(&packet, active, leaf, number);
-                if met.lanes.any_true() {
-                    packet.keep::<ANY>(leaf.rank(number), &met);
-                    any = true;
-                }
-                number += 1;
-            }
-            if any {
+            if K::meet_leaf::<S, ANY>(&mut packet, active, leaf) {
                 self.scatter::<S, ANY>(&packet, part);
             }
         }
@@ -244,19 +234,21 @@ impl Rows {
             t_scale: unused,
             band_scale: band_scale(longest(direction)),
             t_min,
-            t_max: row(&self.t_max),
-            u: row(&self.u),
-            v: row(&self.v),
-            rank: row(&self.rank),
+            found: Found {
+                t_max: row(&self.t_max),
+                u: row(&self.u),
+                v: row(&self.v),
+                rank: row(&self.rank),
+            },
         }
     }
 
     #[inline(always)]
     fn scatter<S: Simd, const ANY: bool>(&mut self, packet: &Packet<S>, list: &[u8]) {
-        let t: [f32; WIDTH] = packet.t_max.into();
-        let u: [f32; WIDTH] = packet.u.into();
-        let v: [f32; WIDTH] = packet.v.into();
-        let rank: [f32; WIDTH] = packet.rank.into();
+        let t: [f32; WIDTH] = packet.found.t_max.into();
+        let u: [f32; WIDTH] = packet.found.u.into();
+        let v: [f32; WIDTH] = packet.found.v.into();
+        let rank: [f32; WIDTH] = packet.found.rank.into();
         for (lane, &ray) in list.iter().enumerate() {
             let ray = ray as usize;
             self.rank[ray] = rank[lane];
