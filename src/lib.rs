@@ -34,7 +34,7 @@
 //! | 1 | [`settings`] | what a user can ask for: flags, `[patches]` and `[light]`, programs |
 //! | 1 | [`progress`] | the progress of a computation, and a way to stop it |
 //! | 1 | [`color`], [`sampling`] | linear RGB; seeded points and their maps |
-//! | 1 | `memory`, `simd` | memory free and used; the instruction set |
+//! | 1 | `memory`, `simd`, `known` | memory free and used; the instruction set; what is found once |
 //! | 2 | [`geometry`] | rays, triangles, both intersection kernels, the [`RayCaster`] trait |
 //! | 3 | [`scene`] | OBJ, glTF, PLY, STL; the TOML description; materials, textures, camera, topology |
 //! | 4 | [`patches`], [`bvh`] | midpoint subdivision as arithmetic, clusters; the eight-wide SIMD hierarchy |
@@ -116,6 +116,7 @@ pub mod field;
 pub mod form_factor;
 mod framing;
 pub mod geometry;
+mod known;
 mod layers;
 pub mod light;
 mod lit_sides;

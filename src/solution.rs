@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::export::file::{Inputs, Output, write_all};
 use crate::export::sealed::Seal;
 use crate::geometry::RayCaster;
+use crate::known::known;
 use crate::patches::{PatchId, PatchMesh, Sides, Split};
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
@@ -165,7 +166,7 @@ impl Solution {
     pub fn patches(&self) -> Arc<PatchMesh> {
         let make =
             || PatchMesh::new(&self.scene, &self.split, &self.sides).expect("they were checked");
-        self.known_patches.get_or_init(|| make().into()).clone()
+        known(&self.known_patches, || make().into()).clone()
     }
 
     /// H in W·m⁻², per patch.

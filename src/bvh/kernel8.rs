@@ -40,18 +40,18 @@ pub trait LeafKernel: Kernel {
         // Chosen in a copy: the compiler would store what it chooses lane by lane with a mask, which takes processors
         // without AVX-512 a dozen cycles.
         let mut found = rays.found;
-        let mut is_any = false;
+        let mut has_met = false;
         let mut number = 0;
         while number < leaf.count {
             let met = Self::intersect_packet(rays, found.t_max, active, leaf, number);
             if met.lanes.any_true() {
                 found.keep::<ANY>(leaf.rank(number), &met);
-                is_any = true;
+                has_met = true;
             }
             number += 1;
         }
         rays.found = found;
-        is_any
+        has_met
     }
 }
 

@@ -24,7 +24,7 @@ pub struct Packet<S: Simd> {
     pub found: Found<S>,
 }
 
-/// What eight rays have found.
+/// The nearest hits of eight rays so far.
 #[derive(Clone, Copy)]
 pub struct Found<S: Simd> {
     /// The ray's end, or its nearest hit so far.

@@ -20,7 +20,7 @@ pub(super) fn stretched<S: Simd>(far: f32x8<S>) -> f32x8<S> {
 /// 2⁻⁶⁴: below it directions are lengthened for the box test, to at least 2⁻⁸⁵ for any denormal.
 pub(super) const SHORT: f32 = 1.0 / (1u128 << 64) as f32;
 
-/// Where the maxima of eight boxes begin behind their minima.
+/// From a node's eight minima along an axis to its eight maxima.
 const MAXIMA: u32 = WIDTH as u32;
 
 /// A ray with what is computed once for all boxes and triangles.
@@ -30,7 +30,7 @@ pub struct PreparedRay {
     inverse: Vec3,
     /// Distances to boxes are in units of t times this, 1 but for directions of almost no length.
     pub t_scale: f32,
-    /// `t_min` in these units.
+    /// `t_min` times `t_scale`.
     entry: f32,
     /// Per axis: where the planes that the ray meets first begin among minima and maxima.
     near: [u32; 3],
@@ -113,6 +113,7 @@ impl<'r, S: Simd> RayLanes<'r, S> {
     /// Where the ray crosses eight boxes' planes.
     #[inline(always)]
     fn slab(&self, node: &Node, axis: usize, first: u32) -> f32x8<S> {
+        // It is one of the two; the mask shows that to the compiler, which then checks no bounds.
         let first = (first & MAXIMA) as usize;
         let planes = &node.bounds[axis].as_flattened()[first..first + WIDTH];
         let plane = f32x8::from_slice(self.simd, planes);

@@ -191,6 +191,7 @@ impl Walk {
         }
     }
 
+    /// `before` is the nearest hit so far.
     #[inline(always)]
     fn keep_nearest<S: Simd>(&mut self, simd: S, before: Nearest, leaf: &Leaf, met: &Met<S>) {
         let t = met.lanes.select(met.t, f32x8::splat(simd, f32::INFINITY));

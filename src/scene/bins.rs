@@ -29,6 +29,7 @@ pub(super) fn binned(count: u32, bins: usize, bin: impl Fn(u32) -> usize + Sync)
         (own, rest) = rest.split_at_mut(length);
         parts.push((own, first, counts));
     }
+    assert!(rest.is_empty(), "every number has a bin");
     parts.into_par_iter().for_each(|(own, first, mut next)| {
         let mut filled = 0;
         for start in &mut next {

@@ -148,8 +148,8 @@ impl Scene {
     }
 
     /// The triangles of a model relative to an origin, without those that have no area; those that lie exactly where
-    /// others do are one sheet with these. `warnings` says so.
-    fn of_model(mut model: Model, origin: DVec3) -> Self {
+    /// others do are one sheet with these. The warnings say so.
+    fn of_model(mut model: Model, origin: DVec3) -> (Self, Vec<Warning>) {
         let mut warnings = Vec::new();
         let positions = model.positions_from(origin);
         // Large models come near to filling the memory: nothing is kept longer than it is needed.
@@ -174,10 +174,9 @@ impl Scene {
             back_of = sheets.back_of.into();
         }
         let triangles = model.triangles.iter().map(triangle).collect();
-        Scene {
+        let scene = Scene {
             degenerate,
             back_of,
-            warnings,
             mesh: model.mesh.into(),
             textures: model.textures.into(),
             views: model.views,
@@ -185,7 +184,8 @@ impl Scene {
             origin,
             known_topology: Arc::new(OnceLock::from(topology)),
             ..Scene::plain(triangles, model.material_of.into(), model.materials)
-        }
+        };
+        (scene, warnings)
     }
 
     /// Reads the models that a description names, applies its material overrides, and checks that
@@ -219,7 +219,7 @@ impl Scene {
 
         let has_surroundings = model.has_surroundings;
         let (stated_up, usual_up) = (description.up.or(model.up), model.usual_up);
-        let mut scene = Scene::of_model(model, origin);
+        let (mut scene, of_triangles) = Scene::of_model(model, origin);
         scene.up = stated_up.unwrap_or_else(|| upright::guess(&scene.triangles, origin, usual_up));
         let is_fitted = description.camera.is_none() && scene.views.is_empty();
         let is_usual = scene.up == Camera::USUAL_UP && usual_up.is_none_or(|up| up == scene.up);
@@ -227,7 +227,7 @@ impl Scene {
             warnings.push(upright::said(scene.up));
         }
         scene.metres_per_unit = description.metres_per_unit;
-        warnings.append(&mut scene.warnings);
+        warnings.extend(of_triangles);
         scene.warnings = warnings;
         scene.check_extent(&description.file)?;
         scene.set_sky(description, has_surroundings);
@@ -347,6 +347,26 @@ mod tests {
             Scene::new(vec![line, good, line], vec![MaterialId(0); 3], vec![Material::fallback()]);
         assert_eq!(*scene.triangles, [good]);
         assert_eq!(scene.degenerate, 2);
+    }
+
+    #[test]
+    fn copies_do_not_turn_a_model_and_warnings_keep_their_order() {
+        // A cube away from the origin, and a triangle without area; then two of its sides once more.
+        let cube = "v 5 5 5\nv 5 5 6\nv 5 6 5\nv 5 6 6\nv 6 5 5\nv 6 5 6\nv 6 6 5\nv 6 6 6\n\
+                    f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\nf 1 1 2\n";
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.obj");
+        let load = |text: &str| {
+            std::fs::write(&file, text).unwrap();
+            Scene::load(&Document::open(&file).unwrap()).unwrap()
+        };
+        let (once, twice) = (load(cube), load(&format!("{cube}f 5 7 3 1\nf 4 8 6 2\n")));
+        assert_eq!((once.up, twice.up), (Vec3::Y, Vec3::Y));
+        assert_eq!(once.triangles, twice.triangles);
+        let kinds = ["default material", "have no area", "exactly where others do", "emits light"];
+        let said: Vec<String> = twice.warnings.iter().map(ToString::to_string).collect();
+        assert_eq!(said.len(), kinds.len(), "{said:?}");
+        assert!(said.iter().zip(kinds).all(|(said, kind)| said.contains(kind)), "{said:?}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::Scene;
 use super::overlaps::{Overlaps, flat};
 use crate::geometry::{Triangle, TriangleId};
+use crate::known::known;
 use crate::sampling::regular_triangle;
 use glam::Vec3;
 
@@ -17,7 +18,7 @@ impl Scene {
     /// triangles only before the first call.
     pub fn overlaps(&self) -> &Overlaps {
         let find = || Overlaps::find(&self.triangles, &self.material_of);
-        self.known_overlaps.get_or_init(find)
+        known(&self.known_overlaps, find)
     }
 
     /// The share of a piece of a triangle's side, in [0, 1], that is seen and not another triangle in its place.

@@ -4,6 +4,7 @@ use super::bins::binned;
 use super::groups::Groups;
 use super::mesh;
 use crate::geometry::{Triangle, TriangleId};
+use crate::known::known;
 use foldhash::fast::RandomState;
 use glam::Vec3;
 use hashbrown::HashTable;
@@ -87,7 +88,9 @@ impl Topology {
     }
 
     fn half_edges(&self) -> &[HalfNumber] {
-        known(&self.known_half_edges, || sorted_half_edges(&self.corners, self.vertex_count))
+        known::<Vec<_>>(&self.known_half_edges, || {
+            sorted_half_edges(&self.corners, self.vertex_count)
+        })
     }
 
     /// Every edge once, with all triangles that have it, in either direction.
@@ -135,7 +138,7 @@ impl Topology {
 
     /// Lists of two or more triangles with the same three vertices, in the triangles' order.
     pub(super) fn copies(&self) -> &[Vec<TriangleId>] {
-        known(&self.known_copies, || self.find_copies())
+        known::<Vec<_>>(&self.known_copies, || self.find_copies())
     }
 
     fn find_copies(&self) -> Vec<Vec<TriangleId>> {
@@ -154,18 +157,6 @@ impl Topology {
             lists.map(|list| list.iter().map(|keyed| keyed.1).collect()).collect::<Vec<_>>()
         });
         copies.collect()
-    }
-}
-
-/// Finds what is not known yet, outside the lock: a thread that waits for others in it may be given work that asks for
-/// the same. Two threads that ask at once both find it.
-fn known<T>(lock: &OnceLock<Vec<T>>, find: impl FnOnce() -> Vec<T>) -> &[T] {
-    match lock.get() {
-        Some(known) => known,
-        None => {
-            let found = find();
-            lock.get_or_init(|| found)
-        }
     }
 }
 
@@ -299,6 +290,29 @@ mod tests {
         let (direct, indexed) = (Topology::new(&triangles), Topology::of_indexed(&indices, &p));
         assert_eq!((&indexed.corners, indexed.vertex_count), (&direct.corners, 4));
         assert_eq!(indexed.open_edges(), 0);
+    }
+
+    #[test]
+    fn places_that_many_positions_name_are_one_vertex_with_any_number_of_threads() {
+        let mut random = fastrand::Rng::with_seed(1);
+        let coordinate = |n: u32| [-0.0, 0.0, 1.0, 1.5][n as usize % 4] + (n / 4) as f32;
+        let positions: Vec<Vec3> = (0..50_000)
+            .map(|number| match number % 5 {
+                0 => Vec3::ZERO,
+                _ => Vec3::from_array([0; 3].map(|_| coordinate(random.u32(0..60)))),
+            })
+            .collect();
+        let indices: Vec<[u32; 3]> =
+            (0..30_000).map(|_| [0; 3].map(|_| random.u32(0..50_000))).collect();
+        let at = |t: &[u32; 3]| Triangle { p: t.map(|k| positions[k as usize]) };
+        let direct = Topology::new(&indices.iter().map(at).collect::<Vec<_>>());
+        for threads in [1, 2, 12] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let indexed = pool.install(|| Topology::of_indexed(&indices, &positions));
+            assert_eq!(indexed.vertex_count, direct.vertex_count);
+            assert!(indexed.corners == direct.corners, "{threads} threads");
+        }
+        assert!(direct.vertex_count < 25_000, "places are named often");
     }
 
     #[test]

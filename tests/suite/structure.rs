@@ -77,6 +77,28 @@ fn files_for_tests_make_no_circle() {
     assert_eq!(describe_small(&files), "");
 }
 
+/// `cargo afl build --locked` fails otherwise.
+#[test]
+fn the_fuzzers_lock_file_names_every_crate_that_isolux_needs() {
+    let read = |file: &str| -> toml::Table {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        toml::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+    };
+    let (manifest, lock) = (read("Cargo.toml"), read("tests/fuzz/Cargo.lock"));
+    let packages = lock["package"].as_array().unwrap();
+    let isolux = packages.iter().find(|package| package["name"].as_str() == Some("isolux"));
+    let locked = isolux.unwrap()["dependencies"].as_array().unwrap();
+    let is_locked = |name: &str| {
+        locked.iter().any(|entry| entry.as_str().unwrap().split(' ').next() == Some(name))
+    };
+    let mut tables = vec![&manifest["dependencies"]];
+    tables.extend(manifest["target"].as_table().unwrap().values().map(|t| &t["dependencies"]));
+    for (name, crate_) in tables.into_iter().flat_map(|table| table.as_table().unwrap()) {
+        let is_optional = crate_.get("optional").is_some_and(|o| o.as_bool() == Some(true));
+        assert!(is_optional || is_locked(name), "{name}");
+    }
+}
+
 fn describe_small(files: &[(&str, &str)]) -> String {
     let module = |name: &str| name.split(' ').map(String::from).collect();
     let source = |&(name, text): &(&str, &str)| (module(name), tokens(text));

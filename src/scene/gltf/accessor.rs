@@ -185,7 +185,8 @@ impl Layout<'_> {
             let at = item * self.stride + k * size;
             T::of(self.component.number(&self.bytes[at..at + size], normalized))
         };
-        let items = (0..count).into_par_iter();
+        // A thread is not woken for a few: some models have very many short lists.
+        let items = (0..count).into_par_iter().with_min_len(1 << 13);
         items.map(|item| std::array::from_fn(|k| number(item, k))).collect()
     }
 }

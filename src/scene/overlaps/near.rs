@@ -3,7 +3,7 @@
 //! The boxes are sorted by size, then along a Morton curve; eight in a row have a box around them, eight of those
 //! again, and so on. Each row of eight is compared with those behind it that its box touches.
 
-use super::row::{Boxes, Flat, PARALLEL, Row, Spread, WIDTH, lanes};
+use super::row::{BoxLanes, Boxes, Flat, PARALLEL, Row, WIDTH, lanes};
 use crate::geometry::bounds::Bounds;
 use crate::simd;
 use fearless_simd::{Simd, dispatch};
@@ -88,7 +88,7 @@ impl Tree {
 
     /// The groups of rows from `first` on that touch a box.
     #[inline(always)]
-    fn touching<S: Simd>(&self, simd: S, other: &Spread<S>, first: usize) -> Vec<usize> {
+    fn touching<S: Simd>(&self, simd: S, other: &BoxLanes<S>, first: usize) -> Vec<usize> {
         let mut nodes = vec![0];
         for (level, boxes) in self.levels.iter().enumerate().skip(1).rev() {
             let mut children = Vec::with_capacity(32);
@@ -122,9 +122,9 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     fn pairs_of<S: Simd>(&mut self, simd: S, group: usize) {
         let Tree { rows, levels } = self.tree;
         let own = &levels[0][group];
-        let others = self.tree.touching(simd, &Spread::of(simd, &own.around()), group);
+        let others = self.tree.touching(simd, &BoxLanes::of(simd, &own.around()), group);
         for (lane, row) in rows.iter().skip(group * WIDTH).take(WIDTH).enumerate() {
-            let bounds = own.spread(simd, lane);
+            let bounds = own.broadcast(simd, lane);
             self.pairs_within(simd, row);
             for &other in &others {
                 if self.counts[0] > self.most[0] || self.counts[1] > self.most[1] {
@@ -148,7 +148,12 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     }
 
     #[inline(always)]
-    fn pairs_between<S: Simd>(&mut self, simd: S, (row, bounds): (&Row, &Spread<S>), other: &Row) {
+    fn pairs_between<S: Simd>(
+        &mut self,
+        simd: S,
+        (row, bounds): (&Row, &BoxLanes<S>),
+        other: &Row,
+    ) {
         for lane in lanes(other.boxes.touching(simd, bounds)) {
             self.counts[0] += WIDTH as u64;
             self.look(other, lane, (row, row.fitting(simd, (other, lane), PARALLEL)));
@@ -169,21 +174,24 @@ impl<F: Fn(u32, u32) -> bool> Search<'_, F> {
     }
 }
 
+/// The bits of a coordinate within the whole: as many as tell the triangles of large scans apart.
+const COORDINATE_BITS: u32 = 13;
+const LARGEST: u64 = (1 << COORDINATE_BITS) - 1;
+
 /// Boxes with near numbers have near sizes and near places: how often the whole would be divided by eight down to
-/// the size; then the bits of the centre's coordinates within the whole, interleaved (Morton, 1966); 13
-/// for each coordinate tell the triangles of large scans apart.
+/// the size; then the bits of the centre's coordinates within the whole, interleaved (Morton, 1966).
 fn place(bounds: &Bounds, whole: &Bounds) -> u64 {
     // What is no number casts to 0.
     let share = bounds.diagonal().max_element() / whole.diagonal().max_element();
     // The exponent of f32 is 127 at 1.
     let divisions = (127u32.saturating_sub(share.to_bits() >> 23) / 3).min(31);
     let center: Vec3 = (bounds.center() - whole.min) / whole.diagonal();
-    let [x, y, z] = center.to_array().map(|x| spread((x * 8191.0) as u64 & 8191));
-    u64::from(divisions) << (3 * 13) | x | y << 1 | z << 2
+    let [x, y, z] = center.to_array().map(|x| interleave((x * LARGEST as f32) as u64 & LARGEST));
+    u64::from(divisions) << (3 * COORDINATE_BITS) | x | y << 1 | z << 2
 }
 
 /// Thirteen bits with two free ones behind each.
-fn spread(bits: u64) -> u64 {
+fn interleave(bits: u64) -> u64 {
     let apart = |bits: u64, by: u32, mask: u64| (bits | bits << by) & mask;
     let halves = apart(apart(bits, 16, 0xff_0000_ff00_00ff), 8, 0x100f_00f0_0f00_f00f);
     apart(apart(halves, 4, 0x10c3_0c30_c30c_30c3), 2, 0x1249_2492_4924_9249)
@@ -195,10 +203,10 @@ mod tests {
     use crate::sampling::{PointSet, Purpose, Stream};
 
     #[test]
-    fn bits_are_spread_by_two() {
+    fn two_bits_are_left_free_behind_each() {
         for bits in 0..8192u64 {
             let each = (0..13).fold(0, |all, bit| all | (bits >> bit & 1) << (3 * bit));
-            assert_eq!(spread(bits), each);
+            assert_eq!(interleave(bits), each);
         }
     }
 

@@ -61,13 +61,13 @@ impl Boxes {
 
     /// One of them, in all lanes. It is read from where it lies: a copy in between would be waited for.
     #[inline(always)]
-    pub(super) fn spread<S: Simd>(&self, simd: S, lane: usize) -> Spread<S> {
-        Spread { min: spread(simd, &self.min, lane), max: spread(simd, &self.max, lane) }
+    pub(super) fn broadcast<S: Simd>(&self, simd: S, lane: usize) -> BoxLanes<S> {
+        BoxLanes { min: broadcast(simd, &self.min, lane), max: broadcast(simd, &self.max, lane) }
     }
 
     /// The lanes whose boxes touch another one, as a mask.
     #[inline(always)]
-    pub(super) fn touching<S: Simd>(&self, simd: S, other: &Spread<S>) -> u64 {
+    pub(super) fn touching<S: Simd>(&self, simd: S, other: &BoxLanes<S>) -> u64 {
         let along = |axis: usize| {
             let min = f32x8::load_array_ref(simd, &self.min[axis]);
             let max = f32x8::load_array_ref(simd, &self.max[axis]);
@@ -78,18 +78,18 @@ impl Boxes {
 }
 
 /// One box in all lanes.
-pub(super) struct Spread<S: Simd> {
+pub(super) struct BoxLanes<S: Simd> {
     min: [f32x8<S>; 3],
     max: [f32x8<S>; 3],
 }
 
-impl<S: Simd> Spread<S> {
+impl<S: Simd> BoxLanes<S> {
     #[inline(always)]
     pub(super) fn of(simd: S, bounds: &Bounds) -> Self {
         let [min, max] = [bounds.min, bounds.max];
         let everywhere =
             |v: Vec3| [f32x8::splat(simd, v.x), f32x8::splat(simd, v.y), f32x8::splat(simd, v.z)];
-        Spread { min: everywhere(min), max: everywhere(max) }
+        BoxLanes { min: everywhere(min), max: everywhere(max) }
     }
 }
 
@@ -122,11 +122,11 @@ impl Row {
         (row, lane): (&Row, usize),
         parallel: f32,
     ) -> u64 {
-        let normal = spread(simd, &row.normals, lane);
+        let normal = broadcast(simd, &row.normals, lane);
         let along = |axis: usize| f32x8::load_array_ref(simd, &self.normals[axis]) * normal[axis];
         let cosines = along(0) + along(1) + along(2);
         let is_parallel = cosines.abs().simd_gt(f32x8::splat(simd, parallel));
-        self.boxes.touching(simd, &row.boxes.spread(simd, lane)) & is_parallel.to_bitmask()
+        self.boxes.touching(simd, &row.boxes.broadcast(simd, lane)) & is_parallel.to_bitmask()
     }
 }
 
@@ -147,7 +147,7 @@ fn set(lanes: &mut Lanes, lane: usize, vector: Vec3) {
 }
 
 #[inline(always)]
-fn spread<S: Simd>(simd: S, lanes: &Lanes, lane: usize) -> [f32x8<S>; 3] {
+fn broadcast<S: Simd>(simd: S, lanes: &Lanes, lane: usize) -> [f32x8<S>; 3] {
     [
         f32x8::splat(simd, lanes[0][lane]),
         f32x8::splat(simd, lanes[1][lane]),
@@ -177,7 +177,7 @@ mod tests {
         let beside = Bounds { min: Vec3::splat(0.25), max: Vec3::splat(9.0) };
         for other in [unit_box(3.0), unit_box(0.5), everywhere, beside] {
             let touching =
-                dispatch!(Level::new(), simd => boxes.touching(simd, &Spread::of(simd, &other)));
+                dispatch!(Level::new(), simd => boxes.touching(simd, &BoxLanes::of(simd, &other)));
             let each = (0..5).filter(|&lane| boxes.get(lane).touches(&other));
             assert_eq!(lanes(touching).collect::<Vec<_>>(), each.collect::<Vec<_>>());
         }
