@@ -4,22 +4,27 @@ use crate::error::Warning;
 use crate::scene::{Camera, Scene};
 use crate::solution::Solution;
 
-/// Where a picture is seen from by a camera that nobody chose, if that may surprise.
-pub(super) fn on_the_camera(scene: &Scene, camera: &Camera) -> Option<Warning> {
-    let Some((first, _)) = scene.views.first() else { return scene.main_part_warning() };
+/// Where a picture is seen from by a camera that nobody chose, and what it leaves out, if that may surprise.
+pub(super) fn on_the_camera(scene: &Scene, camera: &Camera) -> Vec<Warning> {
+    let Some((first, _)) = scene.views.first() else {
+        return scene.main_part_warning().into_iter().collect();
+    };
     let is_used = |(_, of_file): &&(String, Camera)| *camera == of_file.placed(scene.origin);
     let others = match scene.views.len() {
         1 => String::new(),
         count => format!("--view, it has {count}; or "),
     };
-    Some(Warning::new(match scene.views.iter().find(is_used) {
-        Some((name, _)) => format!(
+    match scene.views.iter().find(is_used) {
+        Some((name, _)) => vec![Warning::new(format!(
             "seen by the model's camera `{name}` (another: {others}--position and --look-at)"
-        ),
-        None => format!(
-            "the model's camera `{first}` is in the dark, so another is taken (that one: --view {first})"
-        ),
-    }))
+        ))],
+        None => {
+            let instead = Warning::new(format!(
+                "the model's camera `{first}` is in the dark, so another is taken (that one: --view {first})"
+            ));
+            [Some(instead), scene.main_part_warning()].into_iter().flatten().collect()
+        }
+    }
 }
 
 /// Says so if most of a scene is dark.

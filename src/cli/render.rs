@@ -104,7 +104,7 @@ impl Run<'_> {
         let is_chosen =
             self.camera.is_some() || document.camera.is_some() || !arguments.look.view.is_empty();
         if !is_chosen {
-            warn(remarks::on_the_camera(&scene, &solution.camera).as_slice());
+            warn(&remarks::on_the_camera(&scene, &solution.camera));
         }
         warn(remarks::on_the_dark(&solution).as_slice());
         let seconds = Seconds::new(load, build, &spent);

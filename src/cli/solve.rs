@@ -157,7 +157,7 @@ fn finish(
     }
     write_all(files, inputs)?;
     if document.camera.is_none() {
-        warn(remarks::on_the_camera(solution.scene(), &solution.camera).as_slice());
+        warn(&remarks::on_the_camera(solution.scene(), &solution.camera));
     }
     warn(remarks::on_the_dark(solution).as_slice());
     warn(report.warning().as_slice());

@@ -126,7 +126,7 @@ impl PatchMesh {
             radiance: material.radiance * seen(&material.radiance_map),
             reflectance: material.reflectance
                 * seen(&material.reflectance_map)
-                * color_at(&self.scene, hit.triangle, hit.u, hit.v),
+                * self.scene.mesh.color_at(hit.triangle, hit.u, hit.v),
         }
     }
 
@@ -150,13 +150,6 @@ fn uv_of(scene: &Scene, triangle: TriangleId) -> Option<[Vec2; 3]> {
     let texture = scene.mesh.texture.as_ref()?;
     let [a, b, c] = [0, 1, 2].map(|corner| texture.at(triangle, corner));
     Some([a?, b?, c?])
-}
-
-/// The interpolated vertex colour; a corner without one is white.
-fn color_at(scene: &Scene, triangle: TriangleId, u: f32, v: f32) -> Rgb {
-    let Some(colors) = &scene.mesh.colors else { return Rgb::ONE };
-    let [a, b, c] = [0, 1, 2].map(|corner| colors.at(triangle, corner).unwrap_or(Rgb::ONE));
-    a + (b - a) * u + (c - a) * v
 }
 
 /// A triangle without texture coordinates shows no place of the picture more than another.
@@ -192,7 +185,7 @@ impl<'m> Place<'m> {
         let center = (self.corners.iter().sum::<DVec2>() / 3.0).as_vec2();
         self.material.reflectance
             * self.mean(&self.material.reflectance_map)
-            * color_at(self.scene, self.triangle, center.x, center.y)
+            * self.scene.mesh.color_at(self.triangle, center.x, center.y)
     }
 
     /// The mean over 64 points.

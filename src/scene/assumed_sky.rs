@@ -46,14 +46,14 @@ impl Scene {
 
     /// Whether most of the area is of one dark grey.
     fn is_like_a_tenth(&self) -> bool {
-        let is_like = |material: &Material| {
-            material.reflectance_map.is_none()
-                && LIKE_A_TENTH.contains(&luminance(material.reflectance))
+        let is_like = |triangle: &TriangleId| {
+            let (material, middle) = (self.material(*triangle), 1.0 / 3.0);
+            let reflectance = material.reflectance * self.mesh.color_at(*triangle, middle, middle);
+            material.reflectance_map.is_none() && LIKE_A_TENTH.contains(&luminance(reflectance))
         };
-        let of_material: Vec<bool> = self.materials.iter().map(is_like).collect();
-        let alike = self.material_of.iter().map(|material| of_material[material.0 as usize]);
-        let areas = self.triangles.iter().zip(alike).filter(|(_, is_like)| *is_like);
-        areas.map(|(triangle, _)| triangle.area()).sum::<f64>() > 0.5 * self.area()
+        let alike = (0..self.triangles.len() as u32).map(TriangleId).filter(is_like);
+        let area: f64 = alike.map(|triangle| self.triangles[triangle.index()].area()).sum();
+        area > 0.5 * self.area()
     }
 
     /// Whether any triangle emits more than this radiance where its texture, if it has one, is white.
@@ -149,6 +149,7 @@ fn words_of_name(name: &str) -> Vec<String> {
 mod tests {
     use super::*;
     use crate::geometry::Triangle;
+    use crate::scene::mesh::{Mesh, PerCorner};
     use glam::Vec3;
 
     #[test]
@@ -189,6 +190,18 @@ mod tests {
         };
         assert_eq!([0.02, 0.1, 0.2].map(|grey| is_like_a_tenth(grey, 2.0)), [false, true, false]);
         assert!(!is_like_a_tenth(0.1, 0.5));
+    }
+
+    #[test]
+    fn vertex_colors_count_for_the_background() {
+        let triangle = Triangle::new(Vec3::ZERO, Vec3::X, Vec3::Y);
+        let material = Material { reflectance: Rgb::splat(0.5), ..Material::fallback() };
+        let mut scene = Scene::new(vec![triangle], vec![MaterialId(0)], vec![material]);
+        assert!(!scene.is_like_a_tenth());
+        let greys = [0.1, 0.2, 0.3].map(Rgb::splat).to_vec();
+        let colors = PerCorner::new(greys, vec![[1, 2, 3]]);
+        scene.mesh = Mesh { colors, ..Mesh::default() }.into();
+        assert!(scene.is_like_a_tenth());
     }
 
     #[test]

@@ -93,6 +93,13 @@ impl Mesh {
         self.origins.get(triangle.index()).map(|origin| &self.parts[origin.part as usize])
     }
 
+    /// The vertex colour at barycentrics (u, v) of a triangle; a corner without one is white.
+    pub fn color_at(&self, triangle: TriangleId, u: f32, v: f32) -> Rgb {
+        let Some(colors) = &self.colors else { return Rgb::ONE };
+        let [a, b, c] = [0, 1, 2].map(|corner| colors.at(triangle, corner).unwrap_or(Rgb::ONE));
+        a + (b - a) * u + (c - a) * v
+    }
+
     /// How many objects the files name; those without a face do not count.
     pub fn object_count(&self) -> usize {
         let named = |part: &Part| part.object.clone().map(|name| (part.model, name));

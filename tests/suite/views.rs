@@ -42,7 +42,7 @@ fn a_camera_in_a_closed_box_gives_way_unless_it_is_asked_for() {
     let indices = SIDES.into_iter().flatten().flat_map(u16::to_le_bytes);
     let bytes: Vec<u8> = positions.chain(indices).collect();
     std::fs::write(folder.path().join("a.bin"), bytes).expect("a file");
-    let model = json!({
+    let mut model = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
         "nodes": [{"mesh": 0}, {"camera": 0, "name": "within"}],
         "cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}],
@@ -69,6 +69,18 @@ fn a_camera_in_a_closed_box_gives_way_unless_it_is_asked_for() {
     let (said, picture) = render(folder.path(), "a.gltf", &["--view", "within"]);
     assert!(!said.contains("camera"), "{said}");
     assert_eq!(middle(&picture), 0);
+    // The camera that is taken instead leaves out what lies far away.
+    let mut add = |list: &str, item: serde_json::Value| {
+        model[list].as_array_mut().expect("a list").push(item);
+    };
+    add("accessors", json!({"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"}));
+    add("meshes", json!({"primitives": [{"attributes": {"POSITION": 0}, "indices": 2}]}));
+    add("nodes", json!({"mesh": 1, "translation": [90, 0, 0], "scale": [0.01, 0.01, 0.01]}));
+    model["scenes"] = json!([{"nodes": [0, 1, 2]}]);
+    std::fs::write(folder.path().join("b.gltf"), model.to_string()).expect("a file");
+    let (said, picture) = render(folder.path(), "b.gltf", &[]);
+    assert!(said.contains("is in the dark") && said.contains("far from the rest"), "{said}");
+    assert!(middle(&picture) > 150);
 }
 
 #[test]
