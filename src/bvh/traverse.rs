@@ -141,8 +141,8 @@ impl Walk {
         bvh: &Bvh<K>,
         stack: &mut [Entry],
     ) {
-        // Read before the leaf is asked: else the compiler stores what is kept with a mask, which takes processors without
-        // AVX-512 a dozen cycles.
+        // Read before the leaf is asked: else the compiler stores what is kept with a mask, which takes processors
+        // without AVX-512 a dozen cycles.
         let before = self.nearest;
         let (leaf, met) = self.meet_leaf(simd, bvh, stack);
         if ANY {

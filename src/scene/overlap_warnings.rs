@@ -14,8 +14,8 @@ impl Scene {
     pub(super) fn overlap_warnings(&self) -> Vec<Warning> {
         if self.overlaps().is_given_up {
             return vec![Warning::new(
-                "so many parallel triangles lie in one place that not all of them were compared: where some overlap in \
-                 one plane, rounding decides which of them is seen",
+                "too many parallel triangles lie in one place for all of them to be compared: where some overlap in one \
+                 plane, rounding decides which of them is seen",
             )];
         }
         [self.doubtful_overlaps(), self.hidden_backs()].into_iter().flatten().collect()

@@ -304,5 +304,5 @@ fn the_search_is_given_up_where_all_triangles_lie_across_each_other() {
     assert!(overlaps.is_given_up && overlaps.is_empty());
     let scene = Scene::new(triangles, vec![MaterialId(0); 8000], vec![Material::fallback()]);
     let warnings = scene.overlap_warnings();
-    assert!(warnings.len() == 1 && warnings[0].text.starts_with("so many parallel triangles"));
+    assert!(warnings.len() == 1 && warnings[0].text.starts_with("too many parallel triangles"));
 }
