@@ -16,6 +16,7 @@ use crate::color::{Rgb, Rgb64};
 use crate::geometry::RayCaster;
 use crate::patches::{PatchId, PatchMesh, RandomPoints};
 use crate::paths::{Lights, Paths, Solved, Start};
+use crate::progress::{Progress, Stage};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::AtomicU64;
@@ -47,6 +48,7 @@ impl Certificate {
         irradiance: &[Rgb],
         uncovered: &[f32],
         seed: u64,
+        progress: &dyn Progress,
     ) -> (Option<Certificate>, u64) {
         let whole = |patch: PatchId| uncovered[patch.index()] >= 1.0;
         let patches = || (0..mesh.len() as u32).map(PatchId).filter(|patch| whole(*patch));
@@ -71,13 +73,16 @@ impl Certificate {
         let rays = AtomicU64::new(0);
         let paths = Paths { caster, mesh, lights: &lights, known, seed, rays };
         let of_batch = |batch: u32| {
+            progress.advance(1);
             let numbers = batch * BATCH..(batch + 1) * BATCH;
             residuals(&paths, &points, numbers, irradiance)
         };
         // Paths have four rays or less, for the most part.
         let most = 4 * 2 * PATHS * BATCH;
         let batches = (mesh.scene.affordable(1, BATCHES * most) / most).max(2);
+        progress.begin(Stage::Certificate, Some(batches.into()));
         let squares: Vec<Rgb64> = (0..batches).into_par_iter().flat_map_iter(of_batch).collect();
+        progress.end();
         let count = squares.len() as f64;
         let mean = squares.iter().sum::<Rgb64>() / count;
         let variance = squares.iter().map(|x| (x - mean).powf(2.0)).sum::<Rgb64>() / (count - 1.0);
@@ -168,7 +173,7 @@ mod tests {
         // E = π and ρ = 1/2 everywhere: H = 2π. With H_h = 1.1 H, KB_h − H_h = H (1.05 − 1.1).
         let held = vec![Rgb::splat(1.1 * 2.0 * std::f32::consts::PI); mesh.len()];
         let whole = vec![1.0; mesh.len()];
-        let (certificate, _) = Certificate::of(&tracer, &mesh, &held, &whole, 5);
+        let (certificate, _) = Certificate::of(&tracer, &mesh, &held, &whole, 5, &());
         let Certificate { residual, bound } = certificate.expect("there is light");
         assert!((residual - 0.05 / 1.1).abs() < 1e-4, "{residual}");
         assert!((bound.expect("ρ is below 1") - 0.1 / 1.1).abs() < 2e-4, "{bound:?}");
@@ -187,7 +192,7 @@ mod tests {
                 let light = radiosity::solve(&tracer, &mesh, &choices, &()).expect("light");
                 let irradiance = crate::color::rounded(&light.irradiance);
                 let whole = vec![1.0; mesh.len()];
-                let of = Certificate::of(&tracer, &mesh, &irradiance, &whole, seed + 1000);
+                let of = Certificate::of(&tracer, &mesh, &irradiance, &whole, seed + 1000, &());
                 let bound = of.0.and_then(|of| of.bound).expect("a bound");
                 let error = true_error(&tracer, &mesh, &irradiance);
                 above += (bound >= error) as u32;

@@ -21,9 +21,10 @@ use crate::patches::{Members, PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
 use crate::sampling::{EIGHTHS, PointSet, Purpose, Stream, block, numbers};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Light that arrives straight from sources, per patch, in W·m⁻².
-#[derive(Default)]
+#[derive(Default, Serialize, Deserialize)]
 pub(crate) struct DirectLight {
     /// From the surfaces that emit; `None` where the form factors carry their light.
     from_emitters: Option<Vec<Rgb64>>,
@@ -33,6 +34,7 @@ pub(crate) struct DirectLight {
 }
 
 /// The luminance of direct light per patch by eighths of its samples, in W·m⁻²; empty of lights that are not sampled.
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct DirectEighths {
     pub from_emitters: Vec<[f32; EIGHTHS]>,
     pub from_sky: Vec<[f32; EIGHTHS]>,
@@ -52,8 +54,24 @@ impl DirectLight {
     }
 
     /// `None` where a light has too few samples.
-    pub(crate) fn take_eighths(&mut self) -> Option<DirectEighths> {
-        self.eighths.take()
+    pub(crate) fn eighths(&self) -> Option<&DirectEighths> {
+        self.eighths.as_ref()
+    }
+
+    /// Whether it may be that of so many patches.
+    pub(crate) fn is_possible(&self, patches: usize) -> bool {
+        let is_light = |light: &Rgb64| light.is_finite() && light.min_element() >= 0.0;
+        let are_eighths = |eighths: &[[f32; EIGHTHS]], light: &Option<Vec<Rgb64>>| {
+            eighths.len() == light.as_ref().map_or(0, Vec::len)
+                && eighths.as_flattened().iter().all(|x| x.is_finite() && *x >= 0.0)
+        };
+        let lights = [&self.from_emitters, &self.from_sky].into_iter().flatten();
+        lights.clone().all(|light| light.len() == patches)
+            && lights.flatten().all(is_light)
+            && self.eighths.as_ref().is_none_or(|eighths| {
+                are_eighths(&eighths.from_emitters, &self.from_emitters)
+                    && are_eighths(&eighths.from_sky, &self.from_sky)
+            })
     }
 
     /// Samples the lights: the emitters by `samples` points for each patch, or by none.

@@ -44,6 +44,7 @@
 //! | 6 | [`light`], [`direct`] | sources of light behind [`Light`]; what arrives straight from them |
 //! | 6 | [`solver`] | Jacobi, Gauss–Seidel, Southwell |
 //! | 7 | [`radiosity`] | form factors, direct light, solution and energy balance in one call |
+//! | 7 | [`begun`] | what is done of it, to be gone on with |
 //! | 8 | [`solution`] | the light of a scene with the scene: owned, saved as a `.light` file |
 //! | 7 | `paths` | paths of light, which end by chance or where a solution is known |
 //! | 8 | [`certificate`] | how far a solution is from the truth, at most |
@@ -102,6 +103,7 @@
 //! [`IrradianceField`]: field::IrradianceField
 
 pub mod balance;
+pub mod begun;
 mod bench;
 pub mod bvh;
 pub mod certificate;

@@ -1,8 +1,10 @@
 //! From a scene and its settings to its solution.
 
+use crate::begun::{Begun, Unfinished};
 use crate::color::rounded;
 use crate::coverage;
 use crate::error::{Error, Result};
+use crate::export::sealed::fingerprint;
 use crate::geometry::RayCaster;
 use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Split, Subdivision};
@@ -90,6 +92,13 @@ impl<'d> Plan<'d> {
             .map_err(|error| error.in_file_if_none(&self.document.file))
     }
 
+    /// Two numbers to tell plans apart: one of the scene and its patches, one of the choices of method. See
+    /// [`Solution::fingerprints`].
+    pub fn fingerprints(&self) -> [u32; 2] {
+        let scene = (env!("CARGO_PKG_VERSION"), &self.scene, &self.split);
+        [fingerprint(&scene), fingerprint(&self.choices)]
+    }
+
     /// Whether the light is solved in two levels, and so can be solved in parts.
     pub fn is_in_two_levels(&self) -> bool {
         self.choices.solver == Solver::TwoLevel
@@ -104,23 +113,43 @@ impl<'d> Plan<'d> {
         caster: &dyn RayCaster,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
-        if self.is_in_two_levels() {
+        let (mut solution, mut spent) = if self.is_in_two_levels() {
             let keep = &mut |_: &Part| Ok(());
-            let (part, mut spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
-            let mut solution = put_together(vec![part]);
-            spent.rays += solution.certify(caster);
-            return Ok((solution, spent));
-        }
+            let (part, spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
+            (put_together(vec![part]), spent)
+        } else {
+            self.solve_together(caster, None, &mut |_| Ok(()), progress)?
+        };
+        spent.rays += solution.certify(caster, progress);
+        Ok((solution, spent))
+    }
+
+    /// Solves the light of all patches together, without its certificate. `begun` is what was done of it before. `keep`
+    /// may store what is done, now and then, and before `progress` stops it.
+    ///
+    /// # Errors
+    /// Light that is solved in two levels; `begun` of something else; and see [`radiosity::solve`].
+    pub fn solve_together(
+        &self,
+        caster: &dyn RayCaster,
+        begun: Option<Begun>,
+        keep: &mut dyn FnMut(Unfinished) -> Result<()>,
+        progress: &dyn Progress,
+    ) -> Result<(Solution, Spent)> {
         let mesh = Arc::new(self.patches(caster)?);
-        let light = radiosity::solve(caster, &mesh, &self.choices, progress)
+        let is_begun = begun.is_some();
+        let mut begun = begun.unwrap_or_default();
+        begun.check_plan(|| self.fingerprints())?;
+        let light = radiosity::go_on(caster, &mesh, &self.choices, &mut begun, keep, progress)
             .map_err(|error| error.in_file_if_none(&self.document.file))?;
         let start = Instant::now();
         let (uncovered, cover_rays) = coverage::uncovered(caster, &mesh, progress);
-        if progress.is_stopped() {
-            return Err(Error::stopped());
-        }
         let irradiance = rounded(&light.irradiance);
         let camera = self.document.view(&self.scene, &mesh.sides_of_triangles(), caster);
+        if progress.is_stopped() {
+            keep(begun.unfinished())?;
+            return Err(Error::stopped());
+        }
         let figures = Figures::of(&light);
         let mut spent = Spent {
             rays: light.rays + cover_rays,
@@ -129,10 +158,11 @@ impl<'d> Plan<'d> {
             ..Spent::default()
         };
         let light = PatchLight { irradiance, error: light.error, uncovered };
-        let mut solution =
-            Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
-        spent.rays += solution.certify(caster);
         spent.coverage = start.elapsed();
+        let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
+        if is_begun {
+            solution.check().map_err(|_| begun.contradiction())?;
+        }
         Ok((solution, spent))
     }
 

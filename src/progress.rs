@@ -13,6 +13,8 @@ pub enum Stage {
     Coverage,
     /// The light of each patch, gathered from the elements.
     Patches,
+    /// How far the light is from the truth, at most.
+    Certificate,
     Render,
     Verify,
     Bench,

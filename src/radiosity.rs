@@ -1,11 +1,12 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
 use crate::balance::{self, Misfit};
+use crate::begun::{Begun, Unfinished};
 use crate::color::{Rgb, Rgb64, luminance64};
 use crate::direct::{DirectLight, SKY_SAMPLES};
 use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{
-    Estimator, ExchangeMatrix, HemisphereRows, OnDemand, Row, Rows, Transport, row_sum_defect,
+    Estimator, ExchangeMatrix, HemisphereRows, Matrix, OnDemand, Row, Rows, row_sum_defect,
 };
 use crate::geometry::RayCaster;
 use crate::light::EmittingTriangles;
@@ -20,7 +21,7 @@ use crate::settings::{
     DIRECT_SAMPLES, HEMISPHERE_RAYS, MEMORY_PERCENT, PAIR_SAMPLES, PATHS, TOLERANCE,
 };
 pub use crate::settings::{Method, Solver};
-use crate::solver::{Converged, MatrixMethod, Problem, Stop};
+use crate::solver::{Converged, MatrixMethod, Problem, Shots, Stop, Sweeps};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -172,6 +173,22 @@ pub fn solve(
     settings: &Choices,
     progress: &dyn Progress,
 ) -> Result<Radiosity> {
+    go_on(caster, mesh, settings, &mut Begun::default(), &mut |_| Ok(()), progress)
+}
+
+/// As [`solve`], from what is begun, which holds in the end all that was done. `keep` may store what is done, now and
+/// then and before `progress` stops it.
+///
+/// # Errors
+/// See [`solve`]; a beginning that no run can have made; or what `keep` says.
+pub(crate) fn go_on(
+    caster: &dyn RayCaster,
+    mesh: &PatchMesh,
+    settings: &Choices,
+    begun: &mut Begun,
+    keep: &mut dyn FnMut(Unfinished) -> Result<()>,
+    progress: &dyn Progress,
+) -> Result<Radiosity> {
     if !mesh.scene.emits() && mesh.scene.sky == Rgb::ZERO {
         return Err(Error::new("nothing in the scene emits light: the picture would be black")
             .of_kind(ErrorKind::Dark)
@@ -182,13 +199,18 @@ pub fn solve(
     }
     check_memory(mesh, settings)?;
     let start = Instant::now();
-    let exitance: Vec<Rgb64> =
-        (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
-    let mut direct =
-        DirectLight::of(caster, mesh, settings.direct_samples, settings.seed, progress)?;
-
     let estimator =
         Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, progress);
+    begun.check(&estimator)?;
+    estimator.set_rays(begun.rays);
+    let exitance: Vec<Rgb64> =
+        (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();
+    if begun.direct.is_none() {
+        let (samples, seed) = (settings.direct_samples, settings.seed);
+        begun.direct = Some(DirectLight::of(caster, mesh, samples, seed, progress)?);
+        keep(begun.unfinished())?;
+    }
+    let direct = begun.direct.as_ref().expect("it was found");
     let source = (0..mesh.len())
         .map(|i| {
             let reflected = mesh.reflectance(PatchId(i as u32)).as_dvec3() * direct.irradiance(i);
@@ -196,6 +218,7 @@ pub fn solve(
         })
         .collect();
     let problem = Problem::new(mesh, source);
+    let known = Unfinished { direct: Some(direct), ..Unfinished::default() };
     let method = match settings.solver {
         Solver::Jacobi => Some(MatrixMethod::Jacobi),
         Solver::GaussSeidel => Some(MatrixMethod::GaussSeidel),
@@ -204,16 +227,23 @@ pub fn solve(
     };
     let (transport_time, solution, reciprocity_defect, (error, by_samples)) = match method {
         Some(method) => {
-            let matrix = matrix(&estimator, settings);
-            go_on(progress)?;
-            let transport_time = start.elapsed();
-            let solution = problem.solve(&*matrix, method, settings.stop, progress)?;
-            let errors = match (direct.take_eighths(), matrix.eighths()) {
+            let matrix = begun.matrix.get_or_insert_with(|| no_matrix(&estimator, settings));
+            estimator.in_stretches(matrix, &mut |matrix| {
+                keep(Unfinished { matrix: Some(matrix), rays: estimator.rays(), ..known })
+            })?;
+            begun.rays = estimator.rays();
+            let (matrix, transport_time) = (&*matrix, start.elapsed());
+            let known = Unfinished { matrix: Some(matrix), rays: begun.rays, ..known };
+            let sweeps = begun.sweeps.get_or_insert_with(|| Sweeps::none(&problem));
+            let keep = &mut |sweeps: &Sweeps| keep(Unfinished { sweeps: Some(sweeps), ..known });
+            let matrix = matrix.transport();
+            let solution = problem.sweep(matrix, method, settings.stop, sweeps, keep, progress)?;
+            let errors = match (direct.eighths(), matrix.eighths()) {
                 (Some(eighths), Some(by_rows)) => {
                     // Else the radiosity holds it.
                     let apart = if direct.has_emitters() { &exitance[..] } else { &[] };
                     let (light, by_samples) =
-                        balance::by_eighths(eighths, by_rows, &problem, &solution, apart);
+                        balance::by_eighths(eighths.clone(), by_rows, &problem, &solution, apart);
                     (patch_errors::of(light, by_rows, &problem, &solution), Some(by_samples))
                 }
                 _ => (Vec::new(), None),
@@ -223,7 +253,13 @@ pub fn solve(
         None => {
             let before = start.elapsed();
             let clock = Clock::default();
-            let solution = shoot(&estimator, &problem, settings, &clock, progress)?;
+            let shots = begun.shots.get_or_insert_with(|| Shots::none(mesh.len()));
+            let keep = &mut |shots: &Shots| {
+                keep(Unfinished { shots: Some(shots), rays: estimator.rays(), ..known })
+            };
+            let rows = Timed(on_demand(&estimator, settings.method), &clock);
+            let solution = problem.go_on_shooting(&rows, settings.stop, shots, keep, progress)?;
+            begun.rays = estimator.rays();
             let transport_time = before + clock.elapsed();
             // Pairs are reciprocal by construction; of rays on demand no mirror image was seen.
             let reciprocity = (settings.method == Method::Pairs).then_some(0.0);
@@ -232,8 +268,8 @@ pub fn solve(
     };
     let iterations_leave =
         solution.residuals.last().map_or(0.0, |last| last * luminance64(problem.source_power()));
-    let light = balance(mesh, &exitance, &direct, solution, reciprocity_defect, |i| {
-        row(&estimator, settings.method, i)
+    let light = balance(mesh, &exitance, direct, solution, reciprocity_defect, |i| {
+        on_demand(&estimator, settings.method).row(i)
     });
     // Only now: the balance may have traced rows that shooting never needed.
     let rays = estimator.rays() + direct.rays;
@@ -244,10 +280,6 @@ pub fn solve(
         Misfit { samples: by_samples.map(relative), iterations: relative(iterations_leave) };
     let light = Radiosity { error, misfit, ..light };
     Ok(light.timed(rays, transport_time, start.elapsed() - transport_time))
-}
-
-fn go_on(progress: &dyn Progress) -> Result<()> {
-    if progress.is_stopped() { Err(Error::stopped()) } else { Ok(()) }
 }
 
 /// Works out what will be stored, before any of it is.
@@ -273,10 +305,10 @@ fn check_memory(mesh: &PatchMesh, settings: &Choices) -> Result<()> {
     memory::check(&what, bytes, settings.memory_limit, remedy)
 }
 
-fn matrix(of: &Estimator, settings: &Choices) -> Box<dyn Transport> {
+fn no_matrix(of: &Estimator, settings: &Choices) -> Matrix {
     match settings.method {
-        Method::Pairs => Box::new(of.exchange_matrix()),
-        Method::Hemisphere => Box::new(of.hemisphere_rows()),
+        Method::Pairs => Matrix::Pairs(ExchangeMatrix::none(of)),
+        Method::Hemisphere => Matrix::Hemisphere(HemisphereRows::none(of)),
     }
 }
 
@@ -291,9 +323,9 @@ impl Clock {
 }
 
 /// Rows that are timed where many are made at once: each alone, on several threads, would count double.
-struct Timed<'c, R>(R, &'c Clock);
+struct Timed<'c>(Box<dyn Rows + 'c>, &'c Clock);
 
-impl<R: Rows> Rows for Timed<'_, R> {
+impl Rows for Timed<'_> {
     fn row(&self, i: PatchId) -> Row {
         self.0.row(i)
     }
@@ -306,26 +338,10 @@ impl<R: Rows> Rows for Timed<'_, R> {
     }
 }
 
-fn shoot(
-    of: &Estimator,
-    problem: &Problem,
-    settings: &Choices,
-    clock: &Clock,
-    progress: &dyn Progress,
-) -> Result<Converged> {
-    let stop = settings.stop;
-    match settings.method {
-        Method::Pairs => problem.shoot(&Timed(OnDemand::pairs(of), clock), stop, progress),
-        Method::Hemisphere => {
-            problem.shoot(&Timed(OnDemand::hemisphere(of), clock), stop, progress)
-        }
-    }
-}
-
-fn row(of: &Estimator, method: Method, i: PatchId) -> Row {
+fn on_demand<'a>(of: &'a Estimator<'a>, method: Method) -> Box<dyn Rows + 'a> {
     match method {
-        Method::Pairs => OnDemand::pairs(of).row(i),
-        Method::Hemisphere => OnDemand::hemisphere(of).row(i),
+        Method::Pairs => Box::new(OnDemand::pairs(of)),
+        Method::Hemisphere => Box::new(OnDemand::hemisphere(of)),
     }
 }
 

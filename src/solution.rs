@@ -9,10 +9,11 @@ use crate::certificate::Certificate;
 use crate::color::{Rgb, luminance};
 use crate::error::{Error, Result};
 use crate::export::file::{Inputs, Output, write_all};
-use crate::export::sealed::Seal;
+use crate::export::sealed::{Seal, fingerprint};
 use crate::geometry::RayCaster;
 use crate::known::known;
 use crate::patches::{PatchId, PatchMesh, Sides, Split};
+use crate::progress::Progress;
 use crate::radiosity::{Choices, Energy, Radiosity};
 use crate::render::{Image, tone};
 use crate::scene::camera::is_view_name;
@@ -132,20 +133,16 @@ impl Solution {
     /// Two numbers to tell solutions apart: one of the scene and its patches, one of the choices of
     /// method. Equal scenes have equal numbers on every machine; others have them once in 2³² cases.
     pub fn fingerprints(&self) -> [u32; 2] {
-        let of = |bytes: postcard::Result<Vec<u8>>| {
-            crc32fast::hash(&bytes.expect("numbers, strings and lists"))
-        };
-        let scene = postcard::to_stdvec(&(&self.scene, &self.split, &self.sides));
-        [of(scene), of(postcard::to_stdvec(&self.choices))]
+        [fingerprint(&(&self.scene, &self.split, &self.sides)), fingerprint(&self.choices)]
     }
 
     /// Works out how far the light is from the truth, at most: see [`Figures::certificate`]. Returns the rays that it
     /// took. `caster` must know the scene's triangles.
-    pub(crate) fn certify(&mut self, caster: &dyn RayCaster) -> u64 {
+    pub(crate) fn certify(&mut self, caster: &dyn RayCaster, progress: &dyn Progress) -> u64 {
         let seed = self.choices.seed ^ CERTIFICATE;
         let mesh = self.patches();
         let (certificate, rays) =
-            Certificate::of(caster, &mesh, self.irradiance(), self.uncovered(), seed);
+            Certificate::of(caster, &mesh, self.irradiance(), self.uncovered(), seed, progress);
         self.figures.certificate = certificate;
         rays
     }

@@ -6,7 +6,7 @@ use super::warn;
 use crate::error::{Error, Result, Warning};
 use crate::export::file::{Inputs, Output, write_all};
 use crate::export::picture::Format;
-use crate::export::sealed::Seal;
+use crate::export::sealed::{self, Seal};
 use crate::geometry::KernelKind;
 use crate::render::gather::{Drawing, Rounds};
 use crate::render::{Background, Frame, Image};
@@ -132,5 +132,5 @@ pub(super) fn fingerprint(
         (camera, width, height, samples, in_one_round, seed),
         (error, deadline.is_some(), background, kernel == KernelKind::Plane),
     );
-    crc32fast::hash(&postcard::to_stdvec(&all).expect("numbers, strings and lists"))
+    sealed::fingerprint(&all)
 }

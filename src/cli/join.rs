@@ -1,5 +1,6 @@
 //! `isolux join`: from the parts that `isolux solve --part` made to the whole light.
 
+use super::progress::Bars;
 use super::report::{Report, Seconds};
 use super::say;
 use super::solve::check_light;
@@ -32,7 +33,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     inputs.check_distinct(&[&arguments.output])?;
     let parts = arguments.parts.iter().map(Part::load).collect::<Result<_>>()?;
     let mut solution = two_level::join(parts)?;
-    let rays = solution.certify(&Tracer::build(solution.scene()));
+    let rays = solution.certify(&Tracer::build(solution.scene()), &Bars::new());
     let seconds = Seconds::new(start.elapsed(), Duration::ZERO, &Spent::default());
     let output = Output { path: arguments.output.clone(), bytes: solution.to_bytes() };
     write_all(vec![output], &inputs)?;

@@ -3,11 +3,10 @@
 use super::warn;
 use crate::error::{Error, Result, Warning};
 use crate::export::file::{self, Inputs, Output, write_all};
-use crate::two_level::Part;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// At most this much work is lost.
+/// At most this much work is lost, unless writing takes long.
 const EVERY: Duration = Duration::from_secs(60);
 
 /// What to do about a file that nothing can be gone on with from.
@@ -18,6 +17,7 @@ pub(super) struct Partial {
     path: PathBuf,
     /// When it was tried the last time.
     kept: Instant,
+    every: Duration,
     has_failed: bool,
 }
 
@@ -25,7 +25,7 @@ impl Partial {
     pub(super) fn of(output: &Path) -> Partial {
         let mut path = output.as_os_str().to_owned();
         path.push(".partial");
-        Partial { path: path.into(), kept: Instant::now(), has_failed: false }
+        Partial { path: path.into(), kept: Instant::now(), every: EVERY, has_failed: false }
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -60,21 +60,29 @@ impl Partial {
         Ok(self.path.exists())
     }
 
-    /// `None` if nothing was kept.
+    /// What was kept, by one of `Part::load` and `Begun::load`; `None` if nothing was.
     ///
     /// # Errors
-    /// See [`Part::load`] and [`is_begun`](Self::is_begun).
-    pub(super) fn load(&self) -> Result<Option<Part>> {
-        let load = || Part::load(&self.path).map_err(|error| error.remedy(ANEW));
+    /// See these and [`is_begun`](Self::is_begun).
+    pub(super) fn load<T>(&self, load: impl FnOnce(&Path) -> Result<T>) -> Result<Option<T>> {
+        let load = || load(&self.path).map_err(|error| error.remedy(ANEW));
         self.is_begun()?.then(load).transpose()
     }
 
     /// Keeps what is done. Where that fails, for example since the disk is full, the run goes on without: a warning
     /// says so the first time.
     pub(super) fn keep(&mut self, bytes: Vec<u8>, inputs: &Inputs) {
-        let output = Output { path: self.path.clone(), bytes };
-        let kept = write_all(vec![output], inputs);
+        self.keep_if(Ok(bytes), inputs);
+    }
+
+    /// As [`keep`](Self::keep), where there may be no bytes to keep.
+    pub(super) fn keep_if(&mut self, bytes: Result<Vec<u8>>, inputs: &Inputs) {
+        let began = Instant::now();
+        let output = |bytes| Output { path: self.path.clone(), bytes };
+        let kept = bytes.and_then(|bytes| write_all(vec![output(bytes)], inputs));
         self.kept = Instant::now();
+        // What takes long to write is written less often.
+        self.every = EVERY.max(began.elapsed() * 20);
         match kept {
             Ok(()) => self.has_failed = false,
             Err(_) if self.has_failed => {}
@@ -98,7 +106,7 @@ impl Partial {
 
     /// When something is to be kept again.
     pub(super) fn due(&self) -> Instant {
-        self.kept + EVERY
+        self.kept + self.every
     }
 
     /// Once the output is there, nothing is left to go on with.

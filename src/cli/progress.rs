@@ -141,6 +141,7 @@ fn name(stage: Stage) -> &'static str {
         Stage::Shots => "shots",
         Stage::Coverage => "coverage",
         Stage::Patches => "patches",
+        Stage::Certificate => "certificate",
         Stage::Render => "render",
         Stage::Verify => "verify",
         Stage::Bench => "bench",

@@ -6,6 +6,7 @@ use super::progress::{Bars, OnSignal};
 use super::remarks;
 use super::report::{Report, Seconds};
 use super::{say, signals, warn};
+use crate::begun::{Begun, Unfinished};
 use crate::bvh::{Effort, Tracer};
 use crate::error::{Error, ErrorKind, Result, Warning};
 use crate::export::file::{Inputs, Output, check_writable, write_all};
@@ -13,6 +14,7 @@ use crate::plan::{Plan, Spent};
 use crate::scene::Document;
 use crate::solution::Solution;
 use crate::two_level::{Part, Share, put_together};
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -32,7 +34,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "k/N", conflicts_with = "stats")]
     part: Option<Share>,
 
-    /// Go on with a solve in two levels that was cut off: what it has done lies in FILE.partial
+    /// Go on with a solve that was cut off: what it has done lies in FILE.partial
     #[arg(long)]
     resume: bool,
 
@@ -78,55 +80,93 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
     let effort = Effort::for_rays(scene.triangles.len(), plan.rays());
     let tracer = Tracer::build_with(&scene, effort, arguments.run.kernel);
     let build = start.elapsed() - load;
-    if (arguments.part.is_some() || arguments.resume) && !plan.is_in_two_levels() {
-        return Err(Error::new(
-            "only light that is solved in two levels has parts, or can be gone on with",
-        )
-        .remedy("add --solver two-level"));
-    }
-    if !plan.is_in_two_levels() {
-        let (solution, spent) = plan.solve(&tracer, &Bars::new())?;
-        let seconds = Seconds::new(load, build, &spent);
-        finish(arguments, (&document, &solution), seconds, spent.rays, (start, &inputs))?;
-        return Ok(ExitCode::SUCCESS);
+    if arguments.part.is_some() && !plan.is_in_two_levels() {
+        return Err(Error::new("only light that is solved in two levels has parts")
+            .remedy("add --solver two-level"));
     }
     if !arguments.resume {
         partial.check_absent()?;
     }
-    let begun = if arguments.resume { partial.load()? } else { None };
-    let share = arguments.part.unwrap_or(Share::WHOLE);
-    let bars = Bars::new().on_signal(OnSignal::Stop);
-    let keep = &mut |part: &Part| {
-        let is_time = bars.was_interrupted() || partial.is_due();
-        if is_time && !part.is_finished() && !part.is_empty() {
-            partial.keep(part.to_bytes(), &inputs);
-        }
-        Ok(())
+    let run = Run { arguments, plan: &plan, tracer: &tracer, inputs: &inputs };
+    let solved = match plan.is_in_two_levels() {
+        true => run.in_two_levels(&mut partial),
+        false => run.together(&mut partial),
     };
-    let solved = plan.solve_part(&tracer, share, begun, keep, &bars);
-    // From here on a signal ends the program.
-    drop(bars);
-    let (part, mut spent) = match solved {
+    let (mut solution, mut spent) = match solved {
         Err(error) if error.kind() == ErrorKind::Stopped => return Ok(interrupted(&partial)),
-        solved => solved?,
+        solved => match solved? {
+            Some(solved) => solved,
+            None => {
+                partial.remove();
+                return Ok(ExitCode::SUCCESS);
+            }
+        },
     };
-    if signals::was_asked() {
-        // At the last moment: what remains to be done may still take long.
-        partial.keep(part.to_bytes(), &inputs);
-        return Ok(interrupted(&partial));
-    }
-    if arguments.part.is_some() {
-        let output = Output { path: arguments.output.clone(), bytes: part.to_bytes() };
-        write_all(vec![output], &inputs)?;
-        say(&describe(&part, &spent, &arguments.output))?;
-    } else {
-        let mut solution = put_together(vec![part]);
-        spent.rays += solution.certify(&tracer);
-        let seconds = Seconds::new(load, build, &spent);
-        finish(arguments, (&document, &solution), seconds, spent.rays, (start, &inputs))?;
-    }
+    spent.rays += solution.certify(&tracer, &Bars::new());
+    let seconds = Seconds::new(load, build, &spent);
+    finish(arguments, (&document, &solution), seconds, spent.rays, (start, &inputs))?;
     partial.remove();
     Ok(ExitCode::SUCCESS)
+}
+
+/// A run, once the scene is there.
+struct Run<'r> {
+    arguments: &'r Arguments,
+    plan: &'r Plan<'r>,
+    tracer: &'r Tracer,
+    inputs: &'r Inputs,
+}
+
+impl Run<'_> {
+    /// # Errors
+    /// See [`Plan::solve_together`].
+    fn together(&self, partial: &mut Partial) -> Result<Option<(Solution, Spent)>> {
+        let begun =
+            if self.arguments.resume { partial.load(|path| Begun::load(path))? } else { None };
+        let bars = Bars::new().on_signal(OnSignal::Stop);
+        let fingerprints = OnceCell::new();
+        let keep = &mut |unfinished: Unfinished| {
+            if bars.was_interrupted() || partial.is_due() {
+                let of = *fingerprints.get_or_init(|| self.plan.fingerprints());
+                partial.keep_if(unfinished.to_bytes(of), self.inputs);
+            }
+            Ok(())
+        };
+        self.plan.solve_together(self.tracer, begun, keep, &bars).map(Some)
+    }
+
+    /// The solution, or `None` if a part of it was asked for and written.
+    ///
+    /// # Errors
+    /// See [`Plan::solve_part`]; or the part cannot be written.
+    fn in_two_levels(&self, partial: &mut Partial) -> Result<Option<(Solution, Spent)>> {
+        let begun =
+            if self.arguments.resume { partial.load(|path| Part::load(path))? } else { None };
+        let share = self.arguments.part.unwrap_or(Share::WHOLE);
+        let bars = Bars::new().on_signal(OnSignal::Stop);
+        let keep = &mut |part: &Part| {
+            let is_time = bars.was_interrupted() || partial.is_due();
+            if is_time && !part.is_finished() && !part.is_empty() {
+                partial.keep(part.to_bytes(), self.inputs);
+            }
+            Ok(())
+        };
+        let (part, spent) = self.plan.solve_part(self.tracer, share, begun, keep, &bars)?;
+        // From here on a signal ends the program.
+        drop(bars);
+        if signals::was_asked() {
+            // At the last moment: what remains to be done may still take long.
+            partial.keep(part.to_bytes(), self.inputs);
+            return Err(Error::stopped());
+        }
+        if self.arguments.part.is_none() {
+            return Ok(Some((put_together(vec![part]), spent)));
+        }
+        let path = &self.arguments.output;
+        write_all(vec![Output { path: path.clone(), bytes: part.to_bytes() }], self.inputs)?;
+        say(&describe(&part, &spent, path))?;
+        Ok(None)
+    }
 }
 
 /// What a signal has stopped.

@@ -12,6 +12,11 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
+/// A number of a value, to tell it from others: two have the same with a probability of 2⁻³².
+pub(crate) fn fingerprint(value: &impl Serialize) -> u32 {
+    crc32fast::hash(&postcard::to_stdvec(value).expect("numbers, strings and lists"))
+}
+
 /// A kind of file.
 pub(crate) struct Seal {
     pub(crate) magic: &'static [u8],
@@ -81,5 +86,22 @@ impl Seal {
     pub(crate) fn contradiction(&self) -> Error {
         Error::new(format!("the {} contradicts itself", self.name))
             .remedy(format!("make it again: {}", self.command))
+    }
+}
+
+/// Changes a few bytes of what a file holds to such as may mislead its reader.
+#[cfg(test)]
+pub(crate) fn forge(bytes: &mut [u8], random: &mut fastrand::Rng) {
+    let telling = [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e38, 1e-45, 1.0];
+    let number = telling[random.usize(0..telling.len())].to_le_bytes();
+    let at = random.usize(0..bytes.len());
+    match random.usize(0..3) {
+        0 => bytes[at..].iter_mut().zip(number).for_each(|(byte, new)| *byte = new),
+        1 => bytes[at] = random.u8(..),
+        // Counts, goals and times are at the end.
+        _ => {
+            let near_end = bytes.len() - 1 - random.usize(0..bytes.len().min(40));
+            bytes[near_end] = [0, 1, 0x7f, 0xff][random.usize(0..4)];
+        }
     }
 }

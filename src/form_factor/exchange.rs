@@ -1,8 +1,10 @@
 //! The symmetric matrix of exchange areas A_i F_ij.
 
+use super::Estimator;
 use super::transport::{Row, Rows, Transport, gather_rows};
 use crate::color::Rgb64;
 use crate::patches::PatchId;
+use serde::{Deserialize, Serialize};
 
 /// Rows and columns of a tile: a quarter of a page, so that sparse parts of a scene cost little.
 pub(super) const TILE: usize = 32;
@@ -11,18 +13,68 @@ pub(super) type Tile = [[f32; TILE]; TILE];
 
 /// A_i F_ij in square units, stored once for both directions, in tiles on and above the diagonal.
 /// Tiles in which nothing sees anything (coplanar walls, hidden rooms) are not stored.
+#[derive(Serialize, Deserialize)]
 pub struct ExchangeMatrix {
     areas: Vec<f64>,
     blocks: usize,
     /// Row by row: (0,0), (0,1), …, (1,1), (1,2), ….
-    tiles: Vec<Option<Box<Tile>>>,
+    pub(super) tiles: Vec<Option<Box<Tile>>>,
 }
 
 impl ExchangeMatrix {
-    pub(super) fn new(areas: Vec<f64>, tiles: Vec<Option<Box<Tile>>>) -> Self {
-        let blocks = areas.len().div_ceil(TILE);
-        assert_eq!(tiles.len(), blocks * (blocks + 1) / 2, "one tile per pair of blocks");
-        ExchangeMatrix { areas, blocks, tiles }
+    /// Without a tile so far.
+    pub(crate) fn none(of: &Estimator) -> Self {
+        let patches = (0..of.mesh.len()).map(|i| PatchId(i as u32));
+        ExchangeMatrix::of_areas(patches.map(|i| of.mesh.opaque_area(i)).collect())
+    }
+
+    fn of_areas(areas: Vec<f64>) -> Self {
+        ExchangeMatrix { blocks: areas.len().div_ceil(TILE), areas, tiles: Vec::new() }
+    }
+
+    /// Memory that those tiles take that are there.
+    pub(super) fn bytes(&self) -> u64 {
+        (self.tiles.iter().flatten().count() * size_of::<Tile>()) as u64
+    }
+
+    /// One per pair of blocks.
+    pub(super) fn all_tiles(&self) -> usize {
+        self.blocks * (self.blocks + 1) / 2
+    }
+
+    /// The blocks of the tile of this number.
+    pub(super) fn blocks_of(&self, tile: usize) -> (usize, usize) {
+        // The last row whose first tile is not beyond it.
+        let (mut row, mut end) = (0, self.blocks);
+        while row + 1 < end {
+            let middle = row.midpoint(end);
+            if self.tile_number(middle, middle) <= tile {
+                row = middle;
+            } else {
+                end = middle;
+            }
+        }
+        (row, row + tile - self.tile_number(row, row))
+    }
+
+    /// Whether an estimator may have begun it.
+    pub(super) fn is_possible(&self, of: &Estimator) -> bool {
+        let empty = ExchangeMatrix::none(of);
+        (&self.areas, self.blocks) == (&empty.areas, empty.blocks)
+            && self.tiles.len() <= self.all_tiles()
+            && (0..self.tiles.len()).all(|number| self.is_possible_tile(number))
+    }
+
+    /// Whether it holds exchanges, and none with patches that there are not.
+    fn is_possible_tile(&self, number: usize) -> bool {
+        let Some(tile) = &self.tiles[number] else { return true };
+        let (row, column) = self.blocks_of(number);
+        let [rows, columns] = [row, column].map(|block| self.areas.len() - block * TILE);
+        let is_exchange = |(place, exchange): (usize, &f32)| {
+            let is_there = place / TILE < rows && place % TILE < columns;
+            if is_there { (0.0..=f32::MAX).contains(exchange) } else { *exchange == 0.0 }
+        };
+        tile.as_flattened().iter().enumerate().all(is_exchange)
     }
 
     /// Bytes that the matrix of this many patches takes if every tile is stored.
@@ -134,7 +186,8 @@ mod tests {
                 tiles.push(Some(tile));
             }
         }
-        ExchangeMatrix::new((0..n).map(|i| (i + 1) as f64).collect(), tiles)
+        let areas = (0..n).map(|i| (i + 1) as f64).collect();
+        ExchangeMatrix { tiles, ..ExchangeMatrix::of_areas(areas) }
     }
 
     #[test]
@@ -148,6 +201,22 @@ mod tests {
                 let exchange = if i == j { 0 } else { i.min(j) * 1000 + i.max(j) };
                 assert_eq!(factor, exchange as f64 / (i + 1) as f64, "F({i}, {j})");
             }
+        }
+    }
+
+    #[test]
+    fn a_tile_lies_where_its_number_says() {
+        for blocks in [1, 2, 3, 17] {
+            let matrix = ExchangeMatrix::of_areas(vec![1.0; blocks * TILE - 3]);
+            let mut number = 0;
+            for row in 0..blocks {
+                for column in row..blocks {
+                    assert_eq!(matrix.tile_number(row, column), number);
+                    assert_eq!(matrix.blocks_of(number), (row, column));
+                    number += 1;
+                }
+            }
+            assert_eq!(matrix.all_tiles(), number);
         }
     }
 

@@ -4,24 +4,29 @@
 //! light (Cohen & Wallace, §4.4), so a row is the list of what its rays hit: 4 bytes per ray, and it
 //! sums to 1 wherever every ray hits a front.
 
+use super::stretches::InStretches;
 use super::transport::{Eighths, Row, Rows, Transport, gather_rows};
 use super::{Estimator, Hemisphere, OnDemand};
 use crate::color::Rgb64;
 use crate::geometry::{Hit, Ray};
 use crate::patches::{Members, PatchId};
-use crate::progress::Stage;
 use crate::sampling::{
     EIGHTHS, PointSet, Purpose, Stream, cosine_hemisphere, numbers, regular_triangle,
     uniform_triangle,
 };
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// A ray that left the scene, and one that ended on the black back of a one-sided triangle. Both are
 /// beyond every patch's number, so that sorting puts them last.
 const ESCAPED: u32 = u32::MAX;
 const ON_BACK: u32 = u32::MAX - 1;
 
+/// Rays, about, between two chances to keep what is done: a second's work or two.
+const STRETCH: usize = 1 << 22;
+
 /// The hits of each patch's rays.
+#[derive(Serialize, Deserialize)]
 pub struct HemisphereRows {
     rays_per_row: usize,
     /// Row after row, eighth after eighth of its rays, each sorted, so that patches come first.
@@ -32,9 +37,38 @@ pub struct HemisphereRows {
 }
 
 impl HemisphereRows {
+    /// None yet.
+    pub(crate) fn none(of: &Estimator) -> Self {
+        HemisphereRows {
+            rays_per_row: of.samples as usize,
+            hits: Vec::new(),
+            areas: (0..of.mesh.len()).map(|i| of.mesh.area(PatchId(i as u32))).collect(),
+            are_random: of.points != PointSet::Regular,
+        }
+    }
+
+    /// Whether an estimator may have begun them.
+    pub(super) fn are_possible(&self, of: &Estimator) -> bool {
+        let empty = HemisphereRows::none(of);
+        let is_known = |&hit: &u32| hit >= ON_BACK || (hit as usize) < self.areas.len();
+        let is_row = |row: &[u32]| {
+            row.len() == self.rays_per_row && eighths_of(row).all(|hits| hits.is_sorted())
+        };
+        (self.rays_per_row, self.are_random) == (empty.rays_per_row, empty.are_random)
+            && self.areas == empty.areas
+            && self.hits.len() <= self.areas.len() * self.rays_per_row
+            && self.hits.iter().all(is_known)
+            && self.hits.chunks(self.rays_per_row).all(is_row)
+    }
+
     /// Bytes that the rows of this many patches take.
     pub fn bytes_needed(patches: usize, rays: u32) -> u64 {
         (patches as u64).saturating_mul(rays as u64 * size_of::<u32>() as u64)
+    }
+
+    /// Memory that those take that are there.
+    pub(super) fn bytes(&self) -> u64 {
+        size_of_val(&self.hits[..]) as u64
     }
 
     /// The hits of row i's rays, eighth after eighth.
@@ -165,26 +199,41 @@ fn count(sorted: &[u32], value: u32) -> usize {
 impl Estimator<'_> {
     /// All rows, in parallel.
     pub fn hemisphere_rows(&self) -> HemisphereRows {
-        let rays_per_row = self.samples as usize;
-        self.progress.begin(Stage::FormFactors, Some(self.mesh.len() as u64));
-        let mut hits = vec![ESCAPED; self.mesh.len() * rays_per_row];
-        hits.par_chunks_mut(rays_per_row).enumerate().for_each_init(
-            || HemisphereWork::new(self),
+        let mut rows = HemisphereRows::none(self);
+        // Rows of a run that is to stop are missing: the solution ends with an error.
+        self.in_stretches(&mut rows, &mut |_| Ok(())).ok();
+        rows
+    }
+}
+
+impl InStretches for HemisphereRows {
+    fn amounts(&self) -> [usize; 2] {
+        [self.hits.len() / self.rays_per_row, self.areas.len()]
+    }
+
+    fn add(&mut self, of: &Estimator) {
+        let rays = self.rays_per_row;
+        let [done, all] = self.amounts();
+        let more = (STRETCH / rays).max(1).min(all - done);
+        self.hits.reserve_exact((all - done) * rays);
+        self.hits.resize((done + more) * rays, ESCAPED);
+        self.hits[done * rays..].par_chunks_mut(rays).enumerate().for_each_init(
+            || HemisphereWork::new(of),
             |work, (i, row)| {
-                // What is left undone is never read: the solution ends with an error.
-                if self.progress.is_stopped() {
+                if of.progress.is_stopped() {
                     return;
                 }
-                work.trace(self, PatchId(i as u32), row);
-                (0..EIGHTHS).for_each(|k| row[numbers(k, rays_per_row, EIGHTHS)].sort_unstable());
+                work.trace(of, PatchId((done + i) as u32), row);
+                (0..EIGHTHS).for_each(|k| row[numbers(k, rays, EIGHTHS)].sort_unstable());
                 if i % 64 == 0 {
-                    self.progress.advance(64);
+                    of.progress.advance(64);
                 }
             },
         );
-        self.progress.end();
-        let areas = (0..self.mesh.len()).map(|i| self.mesh.area(PatchId(i as u32))).collect();
-        HemisphereRows { rays_per_row, hits, areas, are_random: self.points != PointSet::Regular }
+    }
+
+    fn take_back(&mut self, done: usize) {
+        self.hits.truncate(done * self.rays_per_row);
     }
 }
 

@@ -6,8 +6,10 @@
 
 mod exchange;
 pub mod hemisphere;
+mod matrix;
 pub mod pairs;
 mod spherical;
+mod stretches;
 mod transport;
 
 use crate::geometry::RayCaster;
@@ -16,6 +18,7 @@ use crate::progress::Progress;
 use crate::sampling::PointSet;
 pub use exchange::ExchangeMatrix;
 pub use hemisphere::HemisphereRows;
+pub(crate) use matrix::Matrix;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
 pub use transport::{Eighths, Row, Rows, Transport, row_sum_defect, row_sums};
@@ -52,6 +55,11 @@ impl<'a> Estimator<'a> {
     /// Rays traced so far.
     pub fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
+    }
+
+    /// As if it had traced so many.
+    pub(crate) fn set_rays(&self, rays: u64) {
+        self.rays.store(rays, Ordering::Relaxed);
     }
 
     pub(crate) fn count_rays(&self, rays: usize) {

@@ -9,11 +9,11 @@
 
 use super::exchange::{ExchangeMatrix, TILE, Tile};
 use super::spherical::SphericalTriangle;
+use super::stretches::InStretches;
 use super::transport::{Row, Rows};
 use super::{Estimator, OnDemand, Pairs};
 use crate::geometry::{Ray, Triangle};
 use crate::patches::{PatchId, PatchMesh, Side};
-use crate::progress::Stage;
 use crate::sampling::{PointSet, Purpose, Stream, regular_triangle, uniform_triangle};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -164,6 +164,12 @@ fn sample_solid_angle(a: &Facet, b: &Facet, point: &PairPoint) -> Option<PairSam
     })
 }
 
+/// Samples, about, between two chances to keep what is done: a second's work or two.
+const STRETCH: usize = 1 << 24;
+
+/// Tiles that are estimated together, so that many threads have something to do.
+const LEAST_TILES: usize = 256;
+
 /// A mean with its standard error, from samples taken as if independent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
@@ -194,25 +200,10 @@ impl Estimator<'_> {
 
     /// The whole matrix, tile by tile, in parallel.
     pub fn exchange_matrix(&self) -> ExchangeMatrix {
-        let blocks = self.mesh.len().div_ceil(TILE);
-        self.progress.begin(Stage::FormFactors, Some((blocks * (blocks + 1) / 2) as u64));
-        let tiles: Vec<Option<Box<Tile>>> = (0..blocks)
-            .flat_map(|row| (row..blocks).map(move |column| (row, column)))
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .map_init(
-                || (PairPoints::new(self), PairWork::default()),
-                |(points, work), (row, column)| {
-                    // What is left undone is never read: the solution ends with an error.
-                    let stopped = self.progress.is_stopped();
-                    if stopped { None } else { self.tile(points, work, row, column) }
-                },
-            )
-            .collect();
-        self.progress.end();
-        let areas =
-            (0..self.mesh.len()).map(|i| self.mesh.opaque_area(PatchId(i as u32))).collect();
-        ExchangeMatrix::new(areas, tiles)
+        let mut matrix = ExchangeMatrix::none(self);
+        // Tiles of a run that is to stop are missing: the solution ends with an error.
+        self.in_stretches(&mut matrix, &mut |_| Ok(())).ok();
+        matrix
     }
 
     /// The exchanges of block `row`'s patches with those of block `column` ≥ `row`; `None` if all
@@ -307,6 +298,32 @@ impl Estimator<'_> {
             })
         };
         behind(i, j) || behind(j, i)
+    }
+}
+
+impl InStretches for ExchangeMatrix {
+    fn amounts(&self) -> [usize; 2] {
+        [self.tiles.len(), self.all_tiles()]
+    }
+
+    fn add(&mut self, of: &Estimator) {
+        let [done, all] = self.amounts();
+        let per_tile = TILE * TILE * of.samples as usize;
+        let end = (done + (STRETCH / per_tile).max(LEAST_TILES)).min(all);
+        let more = (done..end).into_par_iter().map_init(
+            || (PairPoints::new(of), PairWork::default()),
+            |(points, work), number| {
+                let (row, column) = self.blocks_of(number);
+                let is_stopped = of.progress.is_stopped();
+                if is_stopped { None } else { of.tile(points, work, row, column) }
+            },
+        );
+        let mut more: Vec<_> = more.collect();
+        self.tiles.append(&mut more);
+    }
+
+    fn take_back(&mut self, done: usize) {
+        self.tiles.truncate(done);
     }
 }
 

@@ -14,6 +14,7 @@ use crate::form_factor::{Rows, Transport, row_sums};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
 use serde::{Deserialize, Serialize};
+pub(crate) use southwell::Shots;
 
 /// The known parts of the equation, one entry per patch.
 pub struct Problem {
@@ -41,6 +42,32 @@ pub enum Stop {
     Tolerance(f64),
     /// After exactly this many iterations, whatever the residual.
     Iterations(usize),
+}
+
+/// How far the sweeps of a method on a stored matrix have come.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Sweeps {
+    /// B in W·m⁻², per patch.
+    radiosity: Vec<Rgb64>,
+    /// One for each sweep; see [`Converged::residuals`].
+    residuals: Vec<f64>,
+}
+
+impl Sweeps {
+    pub(crate) fn none(problem: &Problem) -> Sweeps {
+        Sweeps { radiosity: problem.source.clone(), residuals: Vec::new() }
+    }
+
+    /// Whether they may be those of so many patches.
+    pub(crate) fn are_possible(&self, patches: usize) -> bool {
+        self.radiosity.len() == patches
+            && self.radiosity.iter().all(|b| b.is_finite() && b.min_element() >= 0.0)
+            && self.residuals.iter().all(|residual| residual.is_finite())
+    }
+
+    fn are_enough(&self, stop: Stop) -> Result<bool> {
+        stop.reached(self.residuals.len(), &self.residuals, MOST_ITERATIONS)
+    }
 }
 
 /// Residuals after which they are taken to fall by one factor.
@@ -86,28 +113,51 @@ impl Problem {
         stop: Stop,
         progress: &dyn Progress,
     ) -> Result<Converged> {
+        let sweeps = &mut Sweeps::none(self);
+        self.sweep(transport, method, stop, sweeps, &mut |_| Ok(()), progress)
+    }
+
+    /// As [`solve`](Problem::solve), from where the sweeps have come to. `keep` may store them, after each and before
+    /// `progress` stops them.
+    ///
+    /// # Errors
+    /// See [`solve`](Problem::solve); or what `keep` says.
+    pub(crate) fn sweep(
+        &self,
+        transport: &dyn Transport,
+        method: MatrixMethod,
+        stop: Stop,
+        sweeps: &mut Sweeps,
+        keep: &mut dyn FnMut(&Sweeps) -> Result<()>,
+        progress: &dyn Progress,
+    ) -> Result<Converged> {
         let rows = transport.rows();
         let row_sums = rows.map(|rows| row_sums(rows, self.len()));
         rows.map_or(Ok(()), |rows| self.check_loops(rows))?;
         progress.begin(Stage::Solve, None);
-        let found = match method {
-            MatrixMethod::Jacobi => jacobi::solve(self, transport, stop, progress),
-            MatrixMethod::GaussSeidel => match rows {
-                Some(rows) => gauss_seidel::solve(self, transport, rows, stop, progress),
-                None => {
-                    Err(Error::new("Gauss–Seidel goes row by row, and this transport has no rows")
-                        .remedy("use Jacobi's method"))
-                }
-            },
+        progress.advance(sweeps.residuals.len() as u64);
+        let go_on = &mut |sweeps: &Sweeps| {
+            progress.advance(1);
+            keep(sweeps)?;
+            if progress.is_stopped() { Err(Error::stopped()) } else { Ok(()) }
         };
+        match (method, rows) {
+            (MatrixMethod::Jacobi, _) => jacobi::solve(self, transport, stop, sweeps, go_on),
+            (MatrixMethod::GaussSeidel, Some(rows)) => {
+                gauss_seidel::solve(self, transport, rows, stop, sweeps, go_on)
+            }
+            (MatrixMethod::GaussSeidel, None) => {
+                Err(Error::new("Gauss–Seidel goes row by row, and this transport has no rows")
+                    .remedy("use Jacobi's method"))
+            }
+        }?;
         progress.end();
-        let (radiosity, residuals) = found?;
         let patches = (0..self.len() as u32).map(PatchId);
         Ok(Converged {
-            irradiance: transport.gather(&radiosity),
-            radiosity,
-            iterations: residuals.len(),
-            residuals,
+            irradiance: transport.gather(&sweeps.radiosity),
+            radiosity: sweeps.radiosity.clone(),
+            iterations: sweeps.residuals.len(),
+            residuals: sweeps.residuals.clone(),
             row_sums: match row_sums {
                 Some(sums) => sums.into_iter().map(Some).collect(),
                 None => vec![None; self.len()],
@@ -122,10 +172,27 @@ impl Problem {
     /// # Errors
     /// A problem that cannot converge, or `progress` asked to stop.
     pub fn shoot(&self, rows: &dyn Rows, stop: Stop, progress: &dyn Progress) -> Result<Converged> {
+        self.go_on_shooting(rows, stop, &mut Shots::none(self.len()), &mut |_| Ok(()), progress)
+    }
+
+    /// As [`shoot`](Problem::shoot), from where the shots have come to. `keep` may store them, now and then and before
+    /// `progress` stops them: then all rows that were asked for have shot.
+    ///
+    /// # Errors
+    /// See [`shoot`](Problem::shoot); or what `keep` says.
+    pub(crate) fn go_on_shooting(
+        &self,
+        rows: &dyn Rows,
+        stop: Stop,
+        shots: &mut Shots,
+        keep: &mut dyn FnMut(&Shots) -> Result<()>,
+        progress: &dyn Progress,
+    ) -> Result<Converged> {
         progress.begin(Stage::Shots, None);
-        let found = southwell::solve(self, rows, stop, progress);
+        progress.advance(shots.count() as u64);
+        let found = southwell::solve(self, rows, stop, shots, keep, progress)?;
         progress.end();
-        found
+        Ok(found)
     }
 
     /// The share of the light that the iterations have not found yet, about. A residual r leaves (I − ρF)⁻¹ r, at most

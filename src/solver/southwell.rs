@@ -17,6 +17,7 @@ use crate::form_factor::{Row, Rows};
 use crate::patches::PatchId;
 use crate::progress::Progress;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// The share of the unshot power that the patches of a round hold. A larger one makes fewer rounds, in
 /// which more patches shoot that had better wait for more light.
@@ -29,35 +30,44 @@ pub(super) fn solve(
     problem: &Problem,
     rows: &dyn Rows,
     stop: Stop,
+    shots: &mut Shots,
+    keep: &mut dyn FnMut(&Shots) -> Result<()>,
     progress: &dyn Progress,
 ) -> Result<Converged> {
-    let mut shooting = Shooting::new(problem);
-    loop {
+    let mut shooting = Shooting::new(problem, shots);
+    while !shooting.is_done(stop)? {
         let round = shooting.next_round(stop);
         if round.is_empty() {
-            return Ok(shooting.converged());
+            break;
         }
-        let (mut shooters, mut traced) = (&[][..], Vec::new());
+        let (mut done, mut shooters, mut traced) = (0, &[][..], Vec::new());
         for next in round.chunks(ROWS_AT_A_TIME).chain([&[][..]]) {
+            // Then what is traced still shoots, and no more is traced.
+            let is_stopped = progress.is_stopped();
+            let next = if is_stopped { &[][..] } else { next };
             // The next rows are traced while the patches before them shoot.
             let shoot = || shooting.shoot_all(shooters, traced, stop);
             let (next_traced, is_done) = rayon::join(|| rows.rows_of(next), shoot);
             if is_done? {
                 return Ok(shooting.converged());
             }
+            done += shooters.len();
             progress.advance(shooters.len() as u64);
-            if progress.is_stopped() {
+            if is_stopped {
+                shooting.shots.waiting = round[done..].iter().map(|patch| patch.0).collect();
+                keep(shooting.shots)?;
                 return Err(Error::stopped());
             }
             (shooters, traced) = (next, next_traced);
         }
+        keep(shooting.shots)?;
     }
+    Ok(shooting.converged())
 }
 
 /// The light on its way, per patch. Powers are in W·m⁻² times square units.
-struct Shooting<'p> {
-    problem: &'p Problem,
-    source_power: Rgb64,
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Shots {
     /// The power that arrived before the patch's last shot; its reflection has been sent.
     settled: Vec<Rgb64>,
     /// The power that arrived since.
@@ -69,7 +79,9 @@ struct Shooting<'p> {
     reception: Vec<f64>,
     /// The unshot power of all patches.
     left: Rgb64,
-    shots: usize,
+    count: usize,
+    /// Those of the round that have yet to shoot.
+    waiting: Vec<u32>,
     /// The relative residual after the first shot, and after the last.
     residual: Vec<f64>,
     residuals: Vec<f64>,
@@ -77,44 +89,80 @@ struct Shooting<'p> {
     keeps_all: bool,
 }
 
-impl<'p> Shooting<'p> {
-    fn new(problem: &'p Problem) -> Self {
-        let n = problem.len();
-        Shooting {
-            problem,
-            source_power: problem.power(problem.source.iter().copied()),
+impl Shots {
+    /// Of n patches.
+    pub(crate) fn none(n: usize) -> Shots {
+        Shots {
             settled: vec![Rgb64::ZERO; n],
             arrived: vec![Rgb64::ZERO; n],
             row_sums: vec![None; n],
             on_backs: vec![None; n],
             reception: vec![0.0; n],
             left: Rgb64::ZERO,
-            shots: 0,
+            count: 0,
+            waiting: Vec::new(),
             residual: Vec::new(),
             residuals: Vec::new(),
             keeps_all: true,
         }
     }
 
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Whether they may be those of n patches.
+    pub(crate) fn are_possible(&self, n: usize) -> bool {
+        let is_power = |power: &Rgb64| power.is_finite() && power.min_element() >= 0.0;
+        let is_share = |share: &Option<f64>| share.is_none_or(|share| (0.0..1e3).contains(&share));
+        [self.settled.len(), self.arrived.len(), self.row_sums.len()] == [n; 3]
+            && [self.on_backs.len(), self.reception.len()] == [n; 2]
+            && self.settled.iter().chain(&self.arrived).all(is_power)
+            && self.row_sums.iter().chain(&self.on_backs).all(is_share)
+            && self.reception.iter().all(|sum| *sum >= 0.0 && sum.is_finite())
+            && self.left.is_finite()
+            && self.residual.iter().chain(&self.residuals).all(|residual| residual.is_finite())
+            && self.residual.len() == self.count.min(2)
+            && self.waiting.iter().all(|&patch| (patch as usize) < n)
+    }
+}
+
+/// A problem that is solved shot by shot.
+struct Shooting<'p> {
+    problem: &'p Problem,
+    source_power: Rgb64,
+    shots: &'p mut Shots,
+}
+
+impl<'p> Shooting<'p> {
+    fn new(problem: &'p Problem, shots: &'p mut Shots) -> Self {
+        let source_power = problem.power(problem.source.iter().copied());
+        Shooting { problem, source_power, shots }
+    }
+
     /// The power that patch i has not sent yet: the reflection of what arrived, and before its first shot
     /// its source.
     fn unshot(&self, i: usize) -> Rgb64 {
-        let reflected = self.problem.reflectance[i] * self.arrived[i];
-        match self.row_sums[i] {
+        let reflected = self.problem.reflectance[i] * self.shots.arrived[i];
+        match self.shots.row_sums[i] {
             None => self.problem.source[i] * self.problem.areas[i] + reflected,
             Some(_) => reflected,
         }
     }
 
-    /// The brightest patches, the lowest of equals first, and no more than may shoot.
+    /// The brightest patches, the lowest of equals first, and no more than may shoot; or what is left of a round.
     fn next_round(&mut self, stop: Stop) -> Vec<PatchId> {
+        let waiting = std::mem::take(&mut self.shots.waiting);
+        if !waiting.is_empty() {
+            return waiting.into_iter().map(PatchId).collect();
+        }
         let n = self.problem.len();
         // Counted anew, because the differences that each shot makes leave rounding behind.
-        self.left = (0..n).map(|i| self.unshot(i)).sum();
+        self.shots.left = (0..n).map(|i| self.unshot(i)).sum();
         let powers: Vec<f64> = (0..n).map(|i| self.unshot(i).element_sum()).collect();
         let mut round: Vec<usize> = (0..n).collect();
         round.par_sort_by(|&i, &j| powers[j].total_cmp(&powers[i]));
-        let mut missing = SHARE_OF_ROUND * self.left.element_sum();
+        let mut missing = SHARE_OF_ROUND * self.shots.left.element_sum();
         let is_needed = |&&i: &&usize| {
             let needed = missing > 0.0;
             missing -= powers[i];
@@ -124,7 +172,7 @@ impl<'p> Shooting<'p> {
         // One shoots even without any power, if that many shots were asked for.
         round.truncate(holders.max(1));
         if let Stop::Iterations(shots) = stop {
-            round.truncate(shots - self.shots);
+            round.truncate(shots - self.shots.count);
         }
         round.into_iter().map(|i| PatchId(i as u32)).collect()
     }
@@ -142,30 +190,30 @@ impl<'p> Shooting<'p> {
 
     fn is_done(&self, stop: Stop) -> Result<bool> {
         let most = super::MOST_ITERATIONS.max(1000 * self.problem.len());
-        stop.reached(self.shots, &self.residual, most)
+        stop.reached(self.shots.count, &self.shots.residual, most)
     }
 
     /// Patch i sends all its unshot power along its row.
     fn shoot(&mut self, i: usize, row: Row) -> Result<()> {
         let problem = self.problem;
         let sent = self.unshot(i);
-        self.settled[i] += std::mem::take(&mut self.arrived[i]);
+        self.shots.settled[i] += std::mem::take(&mut self.shots.arrived[i]);
         // The share of what is sent that will be sent again.
         let mut kept = Rgb64::ZERO;
         for &(PatchId(j), factor) in &row.entries {
             let j = j as usize;
-            self.arrived[j] += sent * factor;
+            self.shots.arrived[j] += sent * factor;
             kept += problem.reflectance[j] * factor;
         }
-        self.left += sent * kept - sent;
-        if self.row_sums[i].replace(row.sum()).is_none() {
-            self.on_backs[i] = row.on_backs;
+        self.shots.left += sent * kept - sent;
+        if self.shots.row_sums[i].replace(row.sum()).is_none() {
+            self.shots.on_backs[i] = row.on_backs;
             for (PatchId(j), factor) in row.entries {
-                self.reception[j as usize] += factor * problem.areas[i];
+                self.shots.reception[j as usize] += factor * problem.areas[i];
             }
         }
         self.check_loss(i, sent, kept)?;
-        self.shots += 1;
+        self.shots.count += 1;
         self.keep_residual();
         Ok(())
     }
@@ -173,9 +221,10 @@ impl<'p> Shooting<'p> {
     /// Refuses light of which no shot loses any: all of it is reflected, here and where it arrives.
     fn check_loss(&mut self, i: usize, sent: Rgb64, kept: Rgb64) -> Result<()> {
         let reflectance = self.problem.reflectance[i];
-        self.keeps_all &= (0..3).any(|c| sent[c] > 0.0 && reflectance[c] >= 1.0 && kept[c] >= 1.0);
+        self.shots.keeps_all &=
+            (0..3).any(|c| sent[c] > 0.0 && reflectance[c] >= 1.0 && kept[c] >= 1.0);
         // The first n shots come from nearly all patches that have light to send.
-        if self.keeps_all && self.shots >= self.problem.len() {
+        if self.shots.keeps_all && self.shots.count >= self.problem.len() {
             return Err(cannot_converge(format!(
                 "patch {i} loses none of its light, nor does any that shot before it"
             )));
@@ -184,17 +233,19 @@ impl<'p> Shooting<'p> {
     }
 
     fn keep_residual(&mut self) {
-        let residual = relative(self.left, self.source_power);
-        self.residual.truncate(1);
-        self.residual.push(residual);
-        if (self.shots - 1).is_multiple_of(self.problem.len().div_ceil(1000)) {
-            self.residuals.push(residual);
+        let residual = relative(self.shots.left, self.source_power);
+        self.shots.residual.truncate(1);
+        self.shots.residual.push(residual);
+        if (self.shots.count - 1).is_multiple_of(self.problem.len().div_ceil(1000)) {
+            self.shots.residuals.push(residual);
         }
     }
 
-    fn converged(mut self) -> Converged {
-        if self.residuals.last() != self.residual.last() {
-            self.residuals.extend(self.residual.last());
+    fn converged(self) -> Converged {
+        let shots = self.shots.clone();
+        let mut residuals = shots.residuals;
+        if residuals.last() != shots.residual.last() {
+            residuals.extend(shots.residual.last());
         }
         let Problem { areas, reflectance, source } = self.problem;
         let n = self.problem.len();
@@ -202,17 +253,17 @@ impl<'p> Shooting<'p> {
         // others cover have none.
         let per_area = |j: usize| if areas[j] > 0.0 { 1.0 / areas[j] } else { 0.0 };
         let irradiance: Vec<Rgb64> =
-            (0..n).map(|j| (self.settled[j] + self.arrived[j]) * per_area(j)).collect();
-        let all_have_shot = self.row_sums.iter().all(Option::is_some);
-        let reception = || (0..n).map(|j| self.reception[j] * per_area(j)).collect();
+            (0..n).map(|j| (shots.settled[j] + shots.arrived[j]) * per_area(j)).collect();
+        let all_have_shot = shots.row_sums.iter().all(Option::is_some);
+        let reception = || (0..n).map(|j| shots.reception[j] * per_area(j)).collect();
         Converged {
             radiosity: (0..n).map(|j| source[j] + reflectance[j] * irradiance[j]).collect(),
             irradiance,
-            residuals: self.residuals,
-            iterations: self.shots,
+            residuals,
+            iterations: shots.count,
             reception_sums: all_have_shot.then(reception),
-            row_sums: self.row_sums,
-            on_backs: self.on_backs,
+            row_sums: shots.row_sums,
+            on_backs: shots.on_backs,
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
 use crate::export::file::{Inputs, Output, write_all};
-use crate::export::sealed::Seal;
+use crate::export::sealed::{Seal, fingerprint};
 use crate::memory;
 use crate::solution::{PatchLight, Solution};
 use serde::{Deserialize, Serialize};
@@ -97,8 +97,7 @@ impl Part {
     pub(crate) fn new(share: Share, patches: usize, unlit: Solution) -> Part {
         let [scene, choices] = unlit.fingerprints();
         let rest = (&unlit.title, &unlit.figures, &unlit.camera, &unlit.views, &unlit.image);
-        let rest = postcard::to_stdvec(&rest).expect("numbers, strings and lists");
-        let whole = Whole { patches: patches as u32, scene, choices, rest: crc32fast::hash(&rest) };
+        let whole = Whole { patches: patches as u32, scene, choices, rest: fingerprint(&rest) };
         Part {
             share,
             whole,

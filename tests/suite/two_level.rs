@@ -343,15 +343,11 @@ fn parts_that_cannot_be_made_are_refused() {
     says("a.part", &[], "ends in .light");
     says("a.light", &["--form-factors", "pairs"], "two levels");
     says("a.light", &["--points", "random"], "two levels");
-    let by_matrix = |output: &str, flag: &[&str]| {
-        let mut command = isolux();
-        command.args(["solve", "scenes/cornell-box.toml", "--levels", "1", "-o"]);
-        command.arg(folder.path(output)).args(flag);
-        let said = refused(command);
-        assert!(said.contains("add --solver two-level"), "{said}");
-    };
-    by_matrix("a.part", &["--part", "1/2"]);
-    by_matrix("a.light", &["--resume"]);
+    let mut together = isolux();
+    together.args(["solve", "scenes/cornell-box.toml", "--levels", "1", "--part", "1/2", "-o"]);
+    together.arg(folder.path("a.part"));
+    let said = refused(together);
+    assert!(said.contains("add --solver two-level"), "{said}");
     // More parts than there are blocks of patches: most are empty, and all are needed.
     let part = |k: u32| format!("{k}.part");
     for k in 1..=3 {

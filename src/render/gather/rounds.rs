@@ -280,6 +280,7 @@ mod tests {
     use super::*;
     use crate::bvh::Tracer;
     use crate::color::Rgb;
+    use crate::export::sealed::forge;
     use crate::geometry::shapes::{cube, inside_out};
     use crate::patches::{PatchMesh, Subdivision};
     use crate::scene::{Camera, Material, MaterialId, Scene};
@@ -327,20 +328,5 @@ mod tests {
             }
         }
         assert!((kept.len() + 5..390).contains(&taken_up), "{taken_up} were taken up");
-    }
-
-    fn forge(bytes: &mut [u8], random: &mut fastrand::Rng) {
-        let telling = [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e38, 1e-45, 1.0];
-        let number = telling[random.usize(0..telling.len())].to_le_bytes();
-        let at = random.usize(0..bytes.len());
-        match random.usize(0..3) {
-            0 => bytes[at..].iter_mut().zip(number).for_each(|(byte, new)| *byte = new),
-            1 => bytes[at] = random.u8(..),
-            // The wanted samples, the round, the goal and the times are at the end.
-            _ => {
-                let near_end = bytes.len() - 1 - random.usize(0..bytes.len().min(40));
-                bytes[near_end] = [0, 1, 0x7f, 0xff][random.usize(0..4)];
-            }
-        }
     }
 }
