@@ -158,9 +158,9 @@ pub struct Radiosity {
 }
 
 /// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
-/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies; and seven times eight numbers
-/// for its error.
-const BYTES_PER_PATCH: u64 = 560;
+/// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies; seven times eight numbers
+/// for its error; and seven iterates with their residuals where sweeps are slow.
+const BYTES_PER_PATCH: u64 = 900;
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///
@@ -362,6 +362,7 @@ fn balance(
         mut row_sums,
         mut on_backs,
         reception_sums,
+        slow_rate: _,
     } = solution;
     for i in 0..mesh.len() {
         if direct.has_emitters() {

@@ -1,25 +1,11 @@
 //! Jacobi iteration: B⁽ᵏ⁺¹⁾ = S + ρ F B⁽ᵏ⁾. Each iteration adds one bounce of light.
 
-use super::{Problem, Stop, Sweeps};
-use crate::error::Result;
-use crate::form_factor::Transport;
+use super::Problem;
+use crate::color::Rgb64;
 
-pub(super) fn solve(
-    problem: &Problem,
-    transport: &dyn Transport,
-    stop: Stop,
-    sweeps: &mut Sweeps,
-    go_on: &mut dyn FnMut(&Sweeps) -> Result<()>,
-) -> Result<()> {
-    let mut irradiance = transport.gather(&sweeps.radiosity);
-    while !sweeps.are_enough(stop)? {
-        let Sweeps { radiosity, residuals } = sweeps;
-        for i in 0..problem.len() {
-            radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance[i];
-        }
-        irradiance = transport.gather(radiosity);
-        residuals.push(problem.residual(radiosity, &irradiance));
-        go_on(sweeps)?;
+/// From the last iterate's irradiance.
+pub(super) fn sweep(problem: &Problem, irradiance: &[Rgb64], radiosity: &mut [Rgb64]) {
+    for i in 0..problem.len() {
+        radiosity[i] = problem.source[i] + problem.reflectance[i] * irradiance[i];
     }
-    Ok(())
 }

@@ -4,6 +4,7 @@
 //! that was estimated apart (see [`direct`](crate::direct)). Three methods, one file
 //! each; all stop at the same measure of what is left.
 
+mod extrapolation;
 mod gauss_seidel;
 mod jacobi;
 mod southwell;
@@ -13,6 +14,7 @@ use crate::error::{Error, ErrorKind, Result};
 use crate::form_factor::{Rows, Transport, row_sums};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
+use extrapolation::Iterate;
 use serde::{Deserialize, Serialize};
 pub(crate) use southwell::Shots;
 
@@ -51,11 +53,22 @@ pub(crate) struct Sweeps {
     radiosity: Vec<Rgb64>,
     /// One for each sweep; see [`Converged::residuals`].
     residuals: Vec<f64>,
+    extrapolation: Option<Extrapolation>,
+}
+
+/// The last time that sweeps were so slow that their light was extrapolated.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Extrapolation {
+    /// After so many sweeps.
+    after: usize,
+    /// The factor by which the residual fell with a sweep; of all extrapolations the one nearest to 1.
+    rate: f64,
 }
 
 impl Sweeps {
     pub(crate) fn none(problem: &Problem) -> Sweeps {
-        Sweeps { radiosity: problem.source.clone(), residuals: Vec::new() }
+        let radiosity = problem.source.clone();
+        Sweeps { radiosity, residuals: Vec::new(), extrapolation: None }
     }
 
     /// Whether they may be those of so many patches.
@@ -63,12 +76,55 @@ impl Sweeps {
         self.radiosity.len() == patches
             && self.radiosity.iter().all(|b| b.is_finite() && b.min_element() >= 0.0)
             && self.residuals.iter().all(|residual| residual.is_finite())
+            && self.extrapolation.is_none_or(|last| {
+                last.after <= self.residuals.len() && (0.0..1.0).contains(&last.rate)
+            })
+    }
+
+    /// Takes extrapolated light if that leaves less of a residual, and says whether it does. `rate`: that of the sweeps.
+    fn take(
+        &mut self,
+        radiosity: Vec<Rgb64>,
+        residual: impl Fn(&[Rgb64]) -> f64,
+        rate: f64,
+    ) -> bool {
+        let slowest = self.extrapolation.map_or(0.0, |last| last.rate);
+        let after = self.residuals.len();
+        self.extrapolation = Some(Extrapolation { after, rate: rate.max(slowest) });
+        let last = self.residuals.last_mut().expect("a sweep was done");
+        let residual = residual(&radiosity);
+        let is_better = residual < *last;
+        if is_better {
+            (self.radiosity, *last) = (radiosity, residual);
+        }
+        is_better
     }
 
     fn are_enough(&self, stop: Stop) -> Result<bool> {
-        stop.reached(self.residuals.len(), &self.residuals, MOST_ITERATIONS)
+        let is_reached = stop.reached(self.residuals.len(), &self.residuals, MOST_ITERATIONS)?;
+        Ok(is_reached && self.are_settled())
+    }
+
+    /// Whether there were some sweeps since the last extrapolation: how fast the residual falls is known then.
+    fn are_settled(&self) -> bool {
+        self.extrapolation.is_none_or(|last| self.residuals.len() >= last.after + SETTLED)
+    }
+
+    /// The factor by which the residual falls with each sweep, if that is nearly 1 and more sweeps are needed.
+    fn slow_rate(&self, stop: Stop) -> Option<f64> {
+        let [.., before, last] = self.residuals[..] else { return None };
+        let is_slow = (SLOW..1.0).contains(&(last / before));
+        let is_needed = matches!(stop, Stop::Tolerance(tolerance) if last > tolerance);
+        let is_known = self.residuals.len() >= SETTLED;
+        (is_slow && is_needed && is_known).then(|| last / before)
     }
 }
+
+/// A residual that falls by no more than this factor with a sweep is worth an extrapolation.
+const SLOW: f64 = 0.8;
+
+/// Sweeps before each.
+const SWEEPS: usize = 6;
 
 /// Residuals after which they are taken to fall by one factor.
 const SETTLED: usize = 4;
@@ -89,6 +145,8 @@ pub struct Converged {
     pub on_backs: Vec<Option<f64>>,
     /// Shooting uses F_ij A_i / A_j for F_ji: the sums of those rows, once every patch has shot.
     pub reception_sums: Option<Vec<f64>>,
+    /// The factor by which the residual fell with each sweep where that was so slow that light was extrapolated.
+    pub slow_rate: Option<f64>,
 }
 
 impl Problem {
@@ -136,21 +194,47 @@ impl Problem {
         rows.map_or(Ok(()), |rows| self.check_loops(rows))?;
         progress.begin(Stage::Solve, None);
         progress.advance(sweeps.residuals.len() as u64);
-        let go_on = &mut |sweeps: &Sweeps| {
-            progress.advance(1);
-            keep(sweeps)?;
-            if progress.is_stopped() { Err(Error::stopped()) } else { Ok(()) }
-        };
-        match (method, rows) {
-            (MatrixMethod::Jacobi, _) => jacobi::solve(self, transport, stop, sweeps, go_on),
-            (MatrixMethod::GaussSeidel, Some(rows)) => {
-                gauss_seidel::solve(self, transport, rows, stop, sweeps, go_on)
-            }
+        let newest = match (method, rows) {
+            (MatrixMethod::Jacobi, _) => None,
+            (MatrixMethod::GaussSeidel, Some(rows)) => Some(rows),
             (MatrixMethod::GaussSeidel, None) => {
-                Err(Error::new("Gauss–Seidel goes row by row, and this transport has no rows")
-                    .remedy("use Jacobi's method"))
+                return Err(Error::new(
+                    "Gauss–Seidel goes row by row, and this transport has no rows",
+                )
+                .remedy("use Jacobi's method"));
             }
-        }?;
+        };
+        let sweep = |sweeps: &mut Sweeps, irradiance: &mut Vec<Rgb64>| {
+            match newest {
+                Some(rows) => gauss_seidel::sweep(self, rows, &mut sweeps.radiosity),
+                None => jacobi::sweep(self, irradiance, &mut sweeps.radiosity),
+            }
+            *irradiance = transport.gather(&sweeps.radiosity);
+            sweeps.residuals.push(self.residual(&sweeps.radiosity, irradiance));
+            progress.advance(1);
+        };
+        let mut irradiance = transport.gather(&sweeps.radiosity);
+        while !sweeps.are_enough(stop)? {
+            match sweeps.slow_rate(stop) {
+                None => sweep(sweeps, &mut irradiance),
+                Some(rate) => {
+                    let mut iterates = vec![self.iterate(&sweeps.radiosity, &irradiance)];
+                    for _ in 0..SWEEPS {
+                        sweep(sweeps, &mut irradiance);
+                        iterates.push(self.iterate(&sweeps.radiosity, &irradiance));
+                    }
+                    let radiosity = extrapolation::extrapolated(&iterates, &self.areas);
+                    let light = transport.gather(&radiosity);
+                    if sweeps.take(radiosity, |b| self.residual(b, &light), rate) {
+                        irradiance = light;
+                    }
+                }
+            }
+            keep(sweeps)?;
+            if progress.is_stopped() {
+                return Err(Error::stopped());
+            }
+        }
         progress.end();
         let patches = (0..self.len() as u32).map(PatchId);
         Ok(Converged {
@@ -164,7 +248,18 @@ impl Problem {
             },
             on_backs: patches.map(|i| rows.and_then(|rows| rows.on_backs(i))).collect(),
             reception_sums: None,
+            slow_rate: sweeps.extrapolation.map(|last| last.rate),
         })
+    }
+
+    fn iterate(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> Iterate {
+        let residual = (0..self.len()).map(|i| self.missing(i, radiosity, irradiance)).collect();
+        Iterate { radiosity: radiosity.to_vec(), residual }
+    }
+
+    /// S + ρH − B of a patch.
+    fn missing(&self, i: usize, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> Rgb64 {
+        self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]
     }
 
     /// Solves by shooting, with rows on demand.
@@ -240,8 +335,7 @@ impl Problem {
 
     /// The relative residual of a radiosity whose irradiance is known.
     fn residual(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> f64 {
-        let left = (0..self.len())
-            .map(|i| self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]);
+        let left = (0..self.len()).map(|i| self.missing(i, radiosity, irradiance));
         relative(self.power(left), self.source_power())
     }
 
@@ -294,7 +388,9 @@ impl Problem {
 /// The factor by which the residual falls with each iteration; 1 where that is not known.
 fn rate(solution: &Converged) -> f64 {
     match solution.residuals[..] {
-        [.., before, last] if solution.residuals.len() >= SETTLED && last < before => last / before,
+        [.., before, last] if solution.residuals.len() >= SETTLED && last < before => {
+            (last / before).max(solution.slow_rate.unwrap_or(0.0))
+        }
         _ => 1.0,
     }
 }

@@ -264,6 +264,7 @@ impl<'p> Shooting<'p> {
             reception_sums: all_have_shot.then(reception),
             row_sums: shots.row_sums,
             on_backs: shots.on_backs,
+            slow_rate: None,
         }
     }
 }

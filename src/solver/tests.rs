@@ -575,3 +575,84 @@ fn light_that_grows_is_an_error_and_not_an_endless_loop() {
     let error = steady.shoot(&rows, to(1e-6), &quiet()).unwrap_err().to_string();
     assert!(error.contains("above the tolerance"), "{error}");
 }
+
+impl Transport for Dense {
+    fn len(&self) -> usize {
+        self.len()
+    }
+
+    fn gather(&self, radiosity: &[Rgb64]) -> Vec<Rgb64> {
+        times(self, radiosity)
+    }
+
+    fn rows(&self) -> Option<&dyn Rows> {
+        Some(self)
+    }
+
+    fn reciprocity_defect(&self) -> Option<f64> {
+        None
+    }
+}
+
+/// Two cavities of eight patches that lose 0.001 and 0.01 of their light with each bounce, and a patch outside.
+fn white_cavities() -> (Problem, Dense) {
+    let n = 17;
+    let mut next = numbers(5);
+    let mut f = vec![vec![0.0; n]; n];
+    for (i, row) in f.iter_mut().enumerate().take(16) {
+        let mut shares: Vec<f64> = (0..8).map(|_| 0.5 + next()).collect();
+        let kept = if i < 8 { 0.999 } else { 0.99 } / shares.iter().sum::<f64>();
+        shares.iter_mut().for_each(|share| *share *= kept);
+        row[i / 8 * 8..][..8].copy_from_slice(&shares);
+    }
+    let reflectance = Rgb64::new(1.0, 0.999, 0.3);
+    let mut source = vec![Rgb64::ZERO; n];
+    for lit in [0, 9, 16] {
+        source[lit] = Rgb64::new(1.0, 2.0, 3.0);
+    }
+    let areas = (0..n).map(|_| 0.5 + next()).collect();
+    (Problem { areas, reflectance: vec![reflectance; n], source }, f)
+}
+
+#[test]
+fn light_in_white_cavities_comes_within_a_few_sweeps_and_is_right() {
+    let (problem, f) = white_cavities();
+    let exact = direct_solution(&problem, &f);
+    for method in METHODS {
+        for tolerance in [1e-4, 1e-9] {
+            let go_on = |mut sweeps: Sweeps| {
+                let mut kept = Vec::new();
+                let keep = &mut |sweeps: &Sweeps| {
+                    kept.push(sweeps.clone());
+                    Ok(())
+                };
+                let stop = to(tolerance);
+                let found = problem.sweep(&f, method, stop, &mut sweeps, keep, &quiet()).unwrap();
+                (found, kept)
+            };
+            let (found, kept) = go_on(Sweeps::none(&problem));
+            let what = format!("{method:?} to {tolerance:e}: {} sweeps", found.iterations);
+            println!("{what}, {:?}", found.slow_rate);
+            assert!(found.iterations < 50, "{what}");
+            for sweeps in kept {
+                let (again, _) = go_on(sweeps);
+                assert_eq!(again.radiosity, found.radiosity, "{what}");
+                assert_eq!(again.residuals, found.residuals, "{what}");
+            }
+            let last = *found.residuals.last().expect("some");
+            assert!(last <= tolerance, "{what}");
+            let independent = residual(&problem, &f, &found.radiosity);
+            assert!((independent / last - 1.0).abs() < 1e-3, "{what}: {independent:e}, {last:e}");
+            // What is said to be left is at least what is.
+            let power = |x: Vec<Rgb64>| problem.power(x.into_iter()).max_element();
+            let off = found.radiosity.iter().zip(&exact).map(|(a, b)| *a - *b).collect();
+            let off = power(off) / power(exact.clone());
+            let left = problem.left(&found).expect("known");
+            assert!(off <= left, "{what}: off by {off:e}, and {left:e} is said");
+            // Without extrapolation that many sweeps are far from it.
+            let sweeps = found.iterations;
+            let pure = problem.solve(&f, method, exactly(sweeps), &quiet()).unwrap();
+            assert!(pure.slow_rate.is_none() && *pure.residuals.last().unwrap() > 1e3 * last);
+        }
+    }
+}
