@@ -58,7 +58,7 @@ impl DirectLight {
         self.eighths.as_ref()
     }
 
-    /// Whether it may be that of so many patches.
+    /// Whether it may be that of this number of patches.
     pub(crate) fn is_possible(&self, patches: usize) -> bool {
         let is_light = |light: &Rgb64| light.is_finite() && light.min_element() >= 0.0;
         let are_eighths = |eighths: &[[f32; EIGHTHS]], light: &Option<Vec<Rgb64>>| {
@@ -66,7 +66,8 @@ impl DirectLight {
                 && eighths.as_flattened().iter().all(|x| x.is_finite() && *x >= 0.0)
         };
         let lights = [&self.from_emitters, &self.from_sky].into_iter().flatten();
-        lights.clone().all(|light| light.len() == patches)
+        self.rays <= 1 << 60
+            && lights.clone().all(|light| light.len() == patches)
             && lights.flatten().all(is_light)
             && self.eighths.as_ref().is_none_or(|eighths| {
                 are_eighths(&eighths.from_emitters, &self.from_emitters)

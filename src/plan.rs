@@ -92,11 +92,9 @@ impl<'d> Plan<'d> {
             .map_err(|error| error.in_file_if_none(&self.document.file))
     }
 
-    /// Two numbers to tell plans apart: one of the scene and its patches, one of the choices of method. See
-    /// [`Solution::fingerprints`].
-    pub fn fingerprints(&self) -> [u32; 2] {
-        let scene = (env!("CARGO_PKG_VERSION"), &self.scene, &self.split);
-        [fingerprint(&scene), fingerprint(&self.choices)]
+    /// A number to tell plans apart, of all that the light's bits depend on beside the caster.
+    pub fn fingerprint(&self) -> u32 {
+        fingerprint(&(env!("CARGO_PKG_VERSION"), &self.scene, &self.split, &self.choices))
     }
 
     /// Whether the light is solved in two levels, and so can be solved in parts.
@@ -113,43 +111,44 @@ impl<'d> Plan<'d> {
         caster: &dyn RayCaster,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
-        let (mut solution, mut spent) = if self.is_in_two_levels() {
-            let keep = &mut |_: &Part| Ok(());
-            let (part, spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
-            (put_together(vec![part]), spent)
-        } else {
-            self.solve_together(caster, None, &mut |_| Ok(()), progress)?
-        };
+        if !self.is_in_two_levels() {
+            return self.solve_together(caster, None, None, progress);
+        }
+        let keep = &mut |_: &Part| Ok(());
+        let (part, mut spent) = self.solve_part(caster, Share::WHOLE, None, keep, progress)?;
+        let mut solution = put_together(vec![part]);
         spent.rays += solution.certify(caster, progress);
         Ok((solution, spent))
     }
 
-    /// Solves the light of all patches together, without its certificate. `begun` is what was done of it before. `keep`
-    /// may store what is done, now and then, and before `progress` stops it.
+    /// Solves the light of all patches together. `begun` is what was done of it before. `keep` may store what is done, now
+    /// and then, and before `progress` stops it.
     ///
     /// # Errors
-    /// Light that is solved in two levels; `begun` of something else; and see [`radiosity::solve`].
+    /// Light that is solved in two levels; a contradictory `begun`; what `keep` says; and see [`radiosity::solve`].
     pub fn solve_together(
         &self,
         caster: &dyn RayCaster,
         begun: Option<Begun>,
-        keep: &mut dyn FnMut(Unfinished) -> Result<()>,
+        mut keep: Option<&mut dyn FnMut(Unfinished) -> Result<()>>,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
+        let mut keep_if = |unfinished: Unfinished| match &mut keep {
+            Some(keep) => keep(unfinished),
+            None => Ok(()),
+        };
         let mesh = Arc::new(self.patches(caster)?);
-        let is_begun = begun.is_some();
+        let contradiction = begun.as_ref().map(Begun::contradiction);
         let mut begun = begun.unwrap_or_default();
-        begun.check_plan(|| self.fingerprints())?;
-        let light = radiosity::go_on(caster, &mesh, &self.choices, &mut begun, keep, progress)
-            .map_err(|error| error.in_file_if_none(&self.document.file))?;
+        let light =
+            radiosity::go_on(caster, &mesh, &self.choices, &mut begun, &mut keep_if, progress)
+                .map_err(|error| error.in_file_if_none(&self.document.file))?;
+        // What nobody keeps need not stay.
+        let begun = keep.is_some().then_some(begun);
         let start = Instant::now();
         let (uncovered, cover_rays) = coverage::uncovered(caster, &mesh, progress);
         let irradiance = rounded(&light.irradiance);
         let camera = self.document.view(&self.scene, &mesh.sides_of_triangles(), caster);
-        if progress.is_stopped() {
-            keep(begun.unfinished())?;
-            return Err(Error::stopped());
-        }
         let figures = Figures::of(&light);
         let mut spent = Spent {
             rays: light.rays + cover_rays,
@@ -158,10 +157,22 @@ impl<'d> Plan<'d> {
             ..Spent::default()
         };
         let light = PatchLight { irradiance, error: light.error, uncovered };
+        let mut solution =
+            Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
+        if let Some(contradiction) = contradiction
+            && solution.check().is_err()
+        {
+            return Err(contradiction);
+        }
+        if !progress.is_stopped() {
+            spent.rays += solution.certify(caster, progress);
+        }
         spent.coverage = start.elapsed();
-        let solution = Solution::new(self.document, &mesh, &self.choices, (light, figures), camera);
-        if is_begun {
-            solution.check().map_err(|_| begun.contradiction())?;
+        if progress.is_stopped() {
+            if let (Some(keep), Some(begun)) = (keep, begun) {
+                keep(begun.unfinished())?;
+            }
+            return Err(Error::stopped());
         }
         Ok((solution, spent))
     }

@@ -160,7 +160,7 @@ pub struct Radiosity {
 /// Memory per patch beside a matrix: numbers, exitance, direct light, source, reflectance,
 /// two iterates, irradiance, row sums, vertices, of 4 to 24 bytes each, and their copies; seven times eight numbers
 /// for its error; and seven iterates with their residuals where sweeps are slow.
-const BYTES_PER_PATCH: u64 = 900;
+const BYTES_PER_PATCH: u64 = 1000;
 
 /// Estimates the transport of light between the patches and solves for their radiosity.
 ///
@@ -201,7 +201,7 @@ pub(crate) fn go_on(
     let start = Instant::now();
     let estimator =
         Estimator::new(caster, mesh, settings.samples, settings.points, settings.seed, progress);
-    begun.check(&estimator)?;
+    begun.check(&estimator, settings.method)?;
     estimator.set_rays(begun.rays);
     let exitance: Vec<Rgb64> =
         (0..mesh.len()).map(|i| mesh.exitance(PatchId(i as u32)).as_dvec3()).collect();

@@ -1,6 +1,7 @@
 //! What a long run has done so far, kept beside its output so that it can be gone on with.
 
 use super::warn;
+pub(super) use crate::begun::ANEW;
 use crate::error::{Error, Result, Warning};
 use crate::export::file::{self, Inputs, Output, write_all};
 use std::path::{Path, PathBuf};
@@ -8,9 +9,6 @@ use std::time::{Duration, Instant};
 
 /// At most this much work is lost, unless writing takes long.
 const EVERY: Duration = Duration::from_secs(60);
-
-/// What to do about a file that nothing can be gone on with from.
-pub(super) const ANEW: &str = "delete it, and leave out --resume, to begin anew";
 
 /// The file FILE.partial of an output FILE.
 pub(super) struct Partial {
@@ -37,7 +35,7 @@ impl Partial {
     /// # Errors
     /// With the remedy.
     pub(super) fn check_absent(&self) -> Result<()> {
-        if self.path.exists() {
+        if self.path.exists() || self.path.is_symlink() {
             return Err(Error::new("this file is where the run would keep what is done")
                 .in_file(&self.path)
                 .remedy("go on with it by --resume if a run that was cut off left it, else move or delete it"));
@@ -50,7 +48,7 @@ impl Partial {
     /// # Errors
     /// A link: where it leads may lie what somebody wants to keep, and in the end this file is removed.
     pub(super) fn is_begun(&self) -> Result<bool> {
-        if self.path.exists() && self.path.is_symlink() {
+        if self.path.is_symlink() {
             return Err(Error::new(
                 "this is a link, and a run deletes the file that it went on from",
             )

@@ -10,6 +10,8 @@ use crate::begun::{Begun, Unfinished};
 use crate::bvh::{Effort, Tracer};
 use crate::error::{Error, ErrorKind, Result, Warning};
 use crate::export::file::{Inputs, Output, check_writable, write_all};
+use crate::export::sealed::fingerprint;
+use crate::geometry::KernelKind;
 use crate::plan::{Plan, Spent};
 use crate::scene::Document;
 use crate::solution::Solution;
@@ -92,7 +94,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
         true => run.in_two_levels(&mut partial),
         false => run.together(&mut partial),
     };
-    let (mut solution, mut spent) = match solved {
+    let (solution, spent) = match solved {
         Err(error) if error.kind() == ErrorKind::Stopped => return Ok(interrupted(&partial)),
         solved => match solved? {
             Some(solved) => solved,
@@ -102,7 +104,6 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
             }
         },
     };
-    spent.rays += solution.certify(&tracer, &Bars::new());
     let seconds = Seconds::new(load, build, &spent);
     finish(arguments, (&document, &solution), seconds, spent.rays, (start, &inputs))?;
     partial.remove();
@@ -121,18 +122,21 @@ impl Run<'_> {
     /// # Errors
     /// See [`Plan::solve_together`].
     fn together(&self, partial: &mut Partial) -> Result<Option<(Solution, Spent)>> {
-        let begun =
-            if self.arguments.resume { partial.load(|path| Begun::load(path))? } else { None };
+        let known_fingerprint = OnceCell::new();
+        let run = || {
+            let plane = self.arguments.run.kernel == KernelKind::Plane;
+            *known_fingerprint.get_or_init(|| fingerprint(&(self.plan.fingerprint(), plane)))
+        };
+        let load = |path: &Path| Begun::load(path, run());
+        let begun = if self.arguments.resume { partial.load(load)? } else { None };
         let bars = Bars::new().on_signal(OnSignal::Stop);
-        let fingerprints = OnceCell::new();
         let keep = &mut |unfinished: Unfinished| {
             if bars.was_interrupted() || partial.is_due() {
-                let of = *fingerprints.get_or_init(|| self.plan.fingerprints());
-                partial.keep_if(unfinished.to_bytes(of), self.inputs);
+                partial.keep_if(unfinished.to_bytes(run()), self.inputs);
             }
             Ok(())
         };
-        self.plan.solve_together(self.tracer, begun, keep, &bars).map(Some)
+        self.plan.solve_together(self.tracer, begun, Some(keep), &bars).map(Some)
     }
 
     /// The solution, or `None` if a part of it was asked for and written.
@@ -160,7 +164,9 @@ impl Run<'_> {
             return Err(Error::stopped());
         }
         if self.arguments.part.is_none() {
-            return Ok(Some((put_together(vec![part]), spent)));
+            let (mut solution, mut spent) = (put_together(vec![part]), spent);
+            spent.rays += solution.certify(self.tracer, &Bars::new());
+            return Ok(Some((solution, spent)));
         }
         let path = &self.arguments.output;
         write_all(vec![Output { path: path.clone(), bytes: part.to_bytes() }], self.inputs)?;

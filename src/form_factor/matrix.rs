@@ -2,6 +2,7 @@
 
 use super::stretches::InStretches;
 use super::{Estimator, ExchangeMatrix, HemisphereRows, Transport};
+use crate::settings::Method;
 use serde::{Deserialize, Serialize};
 
 /// A matrix of form factors that is stored, in whole or in part.
@@ -28,10 +29,11 @@ impl Matrix {
     }
 
     /// Whether an estimator may have begun it.
-    pub(crate) fn is_possible(&self, of: &Estimator) -> bool {
-        match self {
-            Matrix::Hemisphere(rows) => rows.are_possible(of),
-            Matrix::Pairs(exchanges) => exchanges.is_possible(of),
+    pub(crate) fn is_possible(&self, of: &Estimator, method: Method) -> bool {
+        match (self, method) {
+            (Matrix::Hemisphere(rows), Method::Hemisphere) => rows.are_possible(of),
+            (Matrix::Pairs(exchanges), Method::Pairs) => exchanges.is_possible(of),
+            _ => false,
         }
     }
 

@@ -57,7 +57,7 @@ impl<'a> Estimator<'a> {
         self.rays.load(Ordering::Relaxed)
     }
 
-    /// As if it had traced so many.
+    /// Counts on from this number.
     pub(crate) fn set_rays(&self, rays: u64) {
         self.rays.store(rays, Ordering::Relaxed);
     }

@@ -39,6 +39,7 @@ impl Estimator<'_> {
             }
             keep(matrix)?;
             if is_stopped {
+                self.progress.end();
                 return Err(Error::stopped());
             }
             [done, _] = matrix.amounts();

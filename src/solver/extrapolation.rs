@@ -1,4 +1,4 @@
-//! Light that is slow to come: what many more sweeps would add.
+//! Slowly converging light: what many more sweeps would add.
 //!
 //! In a white cavity with a small opening each sweep leaves a factor near 1 of the error. After a few sweeps the error
 //! consists of a few shapes, one for each such cavity, and so do the changes that the sweeps make. So a sum of these
@@ -40,24 +40,24 @@ impl Iterate {
 const ROUNDING: f64 = 1e-20;
 
 /// Where iterates that came one after the other lead to. What is below zero is no light, and becomes zero.
-pub(super) fn extrapolated(iterates: &[Iterate], areas: &[f64]) -> Vec<Rgb64> {
+pub(super) fn extrapolated(mut iterates: Vec<Iterate>, areas: &[f64]) -> Vec<Rgb64> {
     let mut end = iterates.last().expect("an iterate").clone();
-    // Changes whose residuals are orthogonal, so that each is added by itself.
-    let mut changes: Vec<Iterate> = Vec::new();
-    for pair in iterates.windows(2) {
-        let mut change = pair[1].clone();
-        change.add(Rgb64::NEG_ONE, &pair[0]);
-        let before = change.product(&change, areas);
-        for other in &changes {
+    // Each becomes the change that led to it, and the first is not needed.
+    for i in (1..iterates.len()).rev() {
+        let [before, change] = &mut iterates[i - 1..=i] else { unreachable!("two") };
+        change.add(Rgb64::NEG_ONE, before);
+    }
+    for i in 1..iterates.len() {
+        // Changes whose residuals are orthogonal to the others' can be added each by itself.
+        let (others, rest) = iterates.split_at_mut(i);
+        let change = &mut rest[0];
+        let before = change.product(change, areas);
+        for other in &others[1..] {
             change.add(-change.product(other, areas), other);
         }
-        let left = change.product(&change, areas);
+        let left = change.product(change, areas);
         let is_new = left.cmpgt(before * ROUNDING);
-        let to_unit = Rgb64::select(is_new, left.powf(-0.5), Rgb64::ZERO);
-        change.scale(to_unit);
-        changes.push(change);
-    }
-    for change in &changes {
+        change.scale(Rgb64::select(is_new, left.powf(-0.5), Rgb64::ZERO));
         end.add(-end.product(change, areas), change);
     }
     end.radiosity.iter_mut().for_each(|b| *b = b.max(Rgb64::ZERO));

@@ -59,9 +59,9 @@ pub(crate) struct Sweeps {
 /// The last time that sweeps were so slow that their light was extrapolated.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Extrapolation {
-    /// After so many sweeps.
+    /// The number of sweeps before it.
     after: usize,
-    /// The factor by which the residual fell with a sweep; of all extrapolations the one nearest to 1.
+    /// The factor by which light that converges as slowly falls with a bounce; of all extrapolations the one nearest to 1.
     rate: f64,
 }
 
@@ -71,7 +71,7 @@ impl Sweeps {
         Sweeps { radiosity, residuals: Vec::new(), extrapolation: None }
     }
 
-    /// Whether they may be those of so many patches.
+    /// Whether they may belong to this number of patches.
     pub(crate) fn are_possible(&self, patches: usize) -> bool {
         self.radiosity.len() == patches
             && self.radiosity.iter().all(|b| b.is_finite() && b.min_element() >= 0.0)
@@ -79,25 +79,6 @@ impl Sweeps {
             && self.extrapolation.is_none_or(|last| {
                 last.after <= self.residuals.len() && (0.0..1.0).contains(&last.rate)
             })
-    }
-
-    /// Takes extrapolated light if that leaves less of a residual, and says whether it does. `rate`: that of the sweeps.
-    fn take(
-        &mut self,
-        radiosity: Vec<Rgb64>,
-        residual: impl Fn(&[Rgb64]) -> f64,
-        rate: f64,
-    ) -> bool {
-        let slowest = self.extrapolation.map_or(0.0, |last| last.rate);
-        let after = self.residuals.len();
-        self.extrapolation = Some(Extrapolation { after, rate: rate.max(slowest) });
-        let last = self.residuals.last_mut().expect("a sweep was done");
-        let residual = residual(&radiosity);
-        let is_better = residual < *last;
-        if is_better {
-            (self.radiosity, *last) = (radiosity, residual);
-        }
-        is_better
     }
 
     fn are_enough(&self, stop: Stop) -> Result<bool> {
@@ -110,13 +91,11 @@ impl Sweeps {
         self.extrapolation.is_none_or(|last| self.residuals.len() >= last.after + SETTLED)
     }
 
-    /// The factor by which the residual falls with each sweep, if that is nearly 1 and more sweeps are needed.
-    fn slow_rate(&self, stop: Stop) -> Option<f64> {
-        let [.., before, last] = self.residuals[..] else { return None };
-        let is_slow = (SLOW..1.0).contains(&(last / before));
+    /// Whether the residual falls by a factor near 1 with each sweep, and more sweeps are needed.
+    fn are_slow(&self, stop: Stop) -> bool {
+        let [.., before, last] = self.residuals[..] else { return false };
         let is_needed = matches!(stop, Stop::Tolerance(tolerance) if last > tolerance);
-        let is_known = self.residuals.len() >= SETTLED;
-        (is_slow && is_needed && is_known).then(|| last / before)
+        is_needed && self.residuals.len() >= SETTLED && (SLOW..1.0).contains(&(last / before))
     }
 }
 
@@ -145,7 +124,7 @@ pub struct Converged {
     pub on_backs: Vec<Option<f64>>,
     /// Shooting uses F_ij A_i / A_j for F_ji: the sums of those rows, once every patch has shot.
     pub reception_sums: Option<Vec<f64>>,
-    /// The factor by which the residual fell with each sweep where that was so slow that light was extrapolated.
+    /// Where light was extrapolated: the factor by which the slowest of it falls with a bounce.
     pub slow_rate: Option<f64>,
 }
 
@@ -215,30 +194,33 @@ impl Problem {
         };
         let mut irradiance = transport.gather(&sweeps.radiosity);
         while !sweeps.are_enough(stop)? {
-            match sweeps.slow_rate(stop) {
-                None => sweep(sweeps, &mut irradiance),
-                Some(rate) => {
-                    let mut iterates = vec![self.iterate(&sweeps.radiosity, &irradiance)];
-                    for _ in 0..SWEEPS {
-                        sweep(sweeps, &mut irradiance);
-                        iterates.push(self.iterate(&sweeps.radiosity, &irradiance));
-                    }
-                    let radiosity = extrapolation::extrapolated(&iterates, &self.areas);
-                    let light = transport.gather(&radiosity);
-                    if sweeps.take(radiosity, |b| self.residual(b, &light), rate) {
-                        irradiance = light;
-                    }
+            if sweeps.are_slow(stop) {
+                let before = sweeps.clone();
+                let mut iterates = vec![self.iterate(&sweeps.radiosity, &irradiance)];
+                while iterates.len() <= SWEEPS && !progress.is_stopped() {
+                    sweep(sweeps, &mut irradiance);
+                    iterates.push(self.iterate(&sweeps.radiosity, &irradiance));
                 }
+                if iterates.len() > SWEEPS {
+                    irradiance = self.extrapolate(transport, sweeps, iterates, irradiance);
+                } else {
+                    // They are done again when the run is gone on with.
+                    *sweeps = before;
+                }
+            } else {
+                sweep(sweeps, &mut irradiance);
             }
+            let is_stopped = progress.is_stopped();
             keep(sweeps)?;
-            if progress.is_stopped() {
+            if is_stopped {
+                progress.end();
                 return Err(Error::stopped());
             }
         }
         progress.end();
         let patches = (0..self.len() as u32).map(PatchId);
         Ok(Converged {
-            irradiance: transport.gather(&sweeps.radiosity),
+            irradiance,
             radiosity: sweeps.radiosity.clone(),
             iterations: sweeps.residuals.len(),
             residuals: sweeps.residuals.clone(),
@@ -250,6 +232,38 @@ impl Problem {
             reception_sums: None,
             slow_rate: sweeps.extrapolation.map(|last| last.rate),
         })
+    }
+
+    /// Replaces the last of some iterates by what they lead to, if its residual is less. Returns the irradiance.
+    fn extrapolate(
+        &self,
+        transport: &dyn Transport,
+        sweeps: &mut Sweeps,
+        iterates: Vec<Iterate>,
+        irradiance: Vec<Rgb64>,
+    ) -> Vec<Rgb64> {
+        let radiosity = extrapolation::extrapolated(iterates, &self.areas);
+        let further = transport.gather(&radiosity);
+        let residual = self.residual(&radiosity, &further);
+        let mut rate = sweeps.extrapolation.map_or(SLOW, |last| last.rate);
+        let last = sweeps.residuals.last_mut().expect("a sweep was done");
+        let is_better = residual < *last;
+        if is_better {
+            *last = residual;
+            // A residual of what was missing; what is missing still may need as much light for its residual.
+            let added = |i: usize| radiosity[i] - sweeps.radiosity[i];
+            let settled = |i: usize| added(i) - self.reflectance[i] * (further[i] - irradiance[i]);
+            let added = self.power((0..self.len()).map(added));
+            let settled = self.power((0..self.len()).map(settled));
+            let rates = Rgb64::ONE - settled / added;
+            rate = (0..3).filter(|&c| added[c] > 0.0).map(|c| rates[c]).fold(rate, f64::max);
+        }
+        sweeps.extrapolation = Some(Extrapolation { after: sweeps.residuals.len(), rate });
+        if is_better {
+            sweeps.radiosity = radiosity;
+            return further;
+        }
+        irradiance
     }
 
     fn iterate(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> Iterate {
@@ -285,9 +299,9 @@ impl Problem {
     ) -> Result<Converged> {
         progress.begin(Stage::Shots, None);
         progress.advance(shots.count() as u64);
-        let found = southwell::solve(self, rows, stop, shots, keep, progress)?;
+        let found = southwell::solve(self, rows, stop, shots, keep, progress);
         progress.end();
-        Ok(found)
+        found
     }
 
     /// The share of the light that the iterations have not found yet, about. A residual r leaves (I − ρF)⁻¹ r, at most

@@ -26,6 +26,9 @@ const SHARE_OF_ROUND: f64 = 0.75;
 /// Rows that are traced at a time: enough to keep many threads busy, few enough for the memory.
 const ROWS_AT_A_TIME: usize = 256;
 
+/// Between two chances to keep what is done no rows are on their way.
+const ROWS_BETWEEN_KEEPS: usize = 16 * ROWS_AT_A_TIME;
+
 pub(super) fn solve(
     problem: &Problem,
     rows: &dyn Rows,
@@ -36,31 +39,45 @@ pub(super) fn solve(
 ) -> Result<Converged> {
     let mut shooting = Shooting::new(problem, shots);
     while !shooting.is_done(stop)? {
-        let round = shooting.next_round(stop);
-        if round.is_empty() {
-            break;
-        }
-        let (mut done, mut shooters, mut traced) = (0, &[][..], Vec::new());
-        for next in round.chunks(ROWS_AT_A_TIME).chain([&[][..]]) {
-            // Then what is traced still shoots, and no more is traced.
-            let is_stopped = progress.is_stopped();
-            let next = if is_stopped { &[][..] } else { next };
-            // The next rows are traced while the patches before them shoot.
-            let shoot = || shooting.shoot_all(shooters, traced, stop);
-            let (next_traced, is_done) = rayon::join(|| rows.rows_of(next), shoot);
-            if is_done? {
-                return Ok(shooting.converged());
+        let mut round = &shooting.next_round(stop)[..];
+        while !round.is_empty() {
+            let part;
+            let begun = shooting.shots.begun;
+            (part, round) = round.split_at(round.len().min(ROWS_BETWEEN_KEEPS - begun));
+            let (mut done, mut shooters, mut traced) = (0, &[][..], Vec::new());
+            let mut is_stopped = false;
+            for next in part.chunks(ROWS_AT_A_TIME).chain([&[][..]]) {
+                is_stopped = progress.is_stopped();
+                // The next rows are traced while the patches before them shoot, unless the run is to stop.
+                let (next_traced, is_done) = if is_stopped {
+                    (Vec::new(), shooting.shoot_all(shooters, traced, stop))
+                } else {
+                    let shoot = || shooting.shoot_all(shooters, traced, stop);
+                    rayon::join(|| rows.rows_of(next), shoot)
+                };
+                if is_done? {
+                    if is_stopped {
+                        // So that these rays are counted whether it stops or not.
+                        rows.rows_of(next);
+                    }
+                    return Ok(shooting.converged());
+                }
+                done += shooters.len();
+                progress.advance(shooters.len() as u64);
+                if is_stopped {
+                    break;
+                }
+                (shooters, traced) = (next, next_traced);
             }
-            done += shooters.len();
-            progress.advance(shooters.len() as u64);
+            let waiting = part[done..].iter().chain(round);
+            shooting.shots.waiting = waiting.map(|patch| patch.0).collect();
+            shooting.shots.begun = (begun + done) % ROWS_BETWEEN_KEEPS;
+            keep(shooting.shots)?;
             if is_stopped {
-                shooting.shots.waiting = round[done..].iter().map(|patch| patch.0).collect();
-                keep(shooting.shots)?;
                 return Err(Error::stopped());
             }
-            (shooters, traced) = (next, next_traced);
         }
-        keep(shooting.shots)?;
+        (shooting.shots.waiting, shooting.shots.begun) = (Vec::new(), 0);
     }
     Ok(shooting.converged())
 }
@@ -82,6 +99,8 @@ pub(crate) struct Shots {
     count: usize,
     /// Those of the round that have yet to shoot.
     waiting: Vec<u32>,
+    /// Of the patches between two chances to keep what is done, the number of those that have shot.
+    begun: usize,
     /// The relative residual after the first shot, and after the last.
     residual: Vec<f64>,
     residuals: Vec<f64>,
@@ -90,7 +109,7 @@ pub(crate) struct Shots {
 }
 
 impl Shots {
-    /// Of n patches.
+    /// None by any of n patches.
     pub(crate) fn none(n: usize) -> Shots {
         Shots {
             settled: vec![Rgb64::ZERO; n],
@@ -101,6 +120,7 @@ impl Shots {
             left: Rgb64::ZERO,
             count: 0,
             waiting: Vec::new(),
+            begun: 0,
             residual: Vec::new(),
             residuals: Vec::new(),
             keeps_all: true,
@@ -123,6 +143,7 @@ impl Shots {
             && self.left.is_finite()
             && self.residual.iter().chain(&self.residuals).all(|residual| residual.is_finite())
             && self.residual.len() == self.count.min(2)
+            && self.begun < ROWS_BETWEEN_KEEPS
             && self.waiting.iter().all(|&patch| (patch as usize) < n)
     }
 }

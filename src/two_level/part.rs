@@ -1,5 +1,6 @@
 //! A part of the patches of a solution in two levels, and the file that keeps it.
 
+use crate::begun::ANEW;
 use crate::color::Rgb64;
 use crate::error::{Error, Result};
 use crate::export::file::{Inputs, Output, write_all};
@@ -147,9 +148,7 @@ impl Part {
         if (begun.share, begun.whole) != (self.share, self.whole) {
             return Err(begun
                 .error("this was begun with another scene, other flags or as another part")
-                .remedy(
-                    "use the flags with which it was begun, or leave out --resume to begin anew",
-                ));
+                .remedy(ANEW));
         }
         self.light = begun.light;
         self.absorbed = begun.absorbed;
