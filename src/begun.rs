@@ -48,6 +48,9 @@ pub struct Unfinished<'a> {
     pub(crate) shots: Option<&'a Shots>,
 }
 
+/// Stores what is done of a solution, or lets it be.
+pub type Keep<'k> = dyn FnMut(Unfinished) -> Result<()> + 'k;
+
 impl Unfinished<'_> {
     /// The bytes of a file. `run`: a number of all that the light's bits depend on.
     ///
@@ -120,7 +123,7 @@ mod tests {
     use crate::solution::Solution;
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-    /// Stops a run that has its direct light when it is asked so many times whether it does.
+    /// Stops a run once it has its direct light, after it has asked `left` times whether to stop.
     #[derive(Default)]
     struct StopAt {
         left: AtomicU32,

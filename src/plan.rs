@@ -1,6 +1,6 @@
 //! From a scene and its settings to its solution.
 
-use crate::begun::{Begun, Unfinished};
+use crate::begun::{Begun, Keep, Unfinished};
 use crate::color::rounded;
 use crate::coverage;
 use crate::error::{Error, Result};
@@ -130,7 +130,7 @@ impl<'d> Plan<'d> {
         &self,
         caster: &dyn RayCaster,
         begun: Option<Begun>,
-        mut keep: Option<&mut dyn FnMut(Unfinished) -> Result<()>>,
+        mut keep: Option<&mut Keep>,
         progress: &dyn Progress,
     ) -> Result<(Solution, Spent)> {
         let mut keep_if = |unfinished: Unfinished| match &mut keep {

@@ -1,7 +1,7 @@
 //! From patches to their radiosity: form factors, direct light, solution, balance.
 
 use crate::balance::{self, Misfit};
-use crate::begun::{Begun, Unfinished};
+use crate::begun::{Begun, Keep, Unfinished};
 use crate::color::{Rgb, Rgb64, luminance64};
 use crate::direct::{DirectLight, SKY_SAMPLES};
 use crate::error::{Error, ErrorKind, Result};
@@ -186,7 +186,7 @@ pub(crate) fn go_on(
     mesh: &PatchMesh,
     settings: &Choices,
     begun: &mut Begun,
-    keep: &mut dyn FnMut(Unfinished) -> Result<()>,
+    keep: &mut Keep,
     progress: &dyn Progress,
 ) -> Result<Radiosity> {
     if !mesh.scene.emits() && mesh.scene.sky == Rgb::ZERO {

@@ -2,21 +2,23 @@
 //!
 //! S is the exitance E where the matrix carries all light, or the reflected direct light ρD where
 //! that was estimated apart (see [`direct`](crate::direct)). Three methods, one file
-//! each; all stop at the same measure of what is left.
+//! each; all stop at the same measure of what is left. Those on a stored matrix go over all patches again and again
+//! (`sweeps`).
 
 mod extrapolation;
 mod gauss_seidel;
 mod jacobi;
 mod southwell;
+mod sweeps;
 
 use crate::color::Rgb64;
 use crate::error::{Error, ErrorKind, Result};
-use crate::form_factor::{Rows, Transport, row_sums};
+use crate::form_factor::{Rows, Transport};
 use crate::patches::{PatchId, PatchMesh};
 use crate::progress::{Progress, Stage};
-use extrapolation::Iterate;
 use serde::{Deserialize, Serialize};
 pub(crate) use southwell::Shots;
+pub(crate) use sweeps::Sweeps;
 
 /// The known parts of the equation, one entry per patch.
 pub struct Problem {
@@ -45,65 +47,6 @@ pub enum Stop {
     /// After exactly this many iterations, whatever the residual.
     Iterations(usize),
 }
-
-/// How far the sweeps of a method on a stored matrix have come.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Sweeps {
-    /// B in W·m⁻², per patch.
-    radiosity: Vec<Rgb64>,
-    /// One for each sweep; see [`Converged::residuals`].
-    residuals: Vec<f64>,
-    extrapolation: Option<Extrapolation>,
-}
-
-/// The last time that sweeps were so slow that their light was extrapolated.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct Extrapolation {
-    /// The number of sweeps before it.
-    after: usize,
-    /// The factor by which light that converges as slowly falls with a bounce; of all extrapolations the one nearest to 1.
-    rate: f64,
-}
-
-impl Sweeps {
-    pub(crate) fn none(problem: &Problem) -> Sweeps {
-        let radiosity = problem.source.clone();
-        Sweeps { radiosity, residuals: Vec::new(), extrapolation: None }
-    }
-
-    /// Whether they may belong to this number of patches.
-    pub(crate) fn are_possible(&self, patches: usize) -> bool {
-        self.radiosity.len() == patches
-            && self.radiosity.iter().all(|b| b.is_finite() && b.min_element() >= 0.0)
-            && self.residuals.iter().all(|residual| residual.is_finite())
-            && self.extrapolation.is_none_or(|last| {
-                last.after <= self.residuals.len() && (0.0..1.0).contains(&last.rate)
-            })
-    }
-
-    fn are_enough(&self, stop: Stop) -> Result<bool> {
-        let is_reached = stop.reached(self.residuals.len(), &self.residuals, MOST_ITERATIONS)?;
-        Ok(is_reached && self.are_settled())
-    }
-
-    /// Whether there were some sweeps since the last extrapolation: how fast the residual falls is known then.
-    fn are_settled(&self) -> bool {
-        self.extrapolation.is_none_or(|last| self.residuals.len() >= last.after + SETTLED)
-    }
-
-    /// Whether the residual falls by a factor near 1 with each sweep, and more sweeps are needed.
-    fn are_slow(&self, stop: Stop) -> bool {
-        let [.., before, last] = self.residuals[..] else { return false };
-        let is_needed = matches!(stop, Stop::Tolerance(tolerance) if last > tolerance);
-        is_needed && self.residuals.len() >= SETTLED && (SLOW..1.0).contains(&(last / before))
-    }
-}
-
-/// A residual that falls by no more than this factor with a sweep is worth an extrapolation.
-const SLOW: f64 = 0.8;
-
-/// Sweeps before each.
-const SWEEPS: usize = 6;
 
 /// Residuals after which they are taken to fall by one factor.
 const SETTLED: usize = 4;
@@ -152,128 +95,6 @@ impl Problem {
     ) -> Result<Converged> {
         let sweeps = &mut Sweeps::none(self);
         self.sweep(transport, method, stop, sweeps, &mut |_| Ok(()), progress)
-    }
-
-    /// As [`solve`](Problem::solve), from where the sweeps have come to. `keep` may store them, after each and before
-    /// `progress` stops them.
-    ///
-    /// # Errors
-    /// See [`solve`](Problem::solve); or what `keep` says.
-    pub(crate) fn sweep(
-        &self,
-        transport: &dyn Transport,
-        method: MatrixMethod,
-        stop: Stop,
-        sweeps: &mut Sweeps,
-        keep: &mut dyn FnMut(&Sweeps) -> Result<()>,
-        progress: &dyn Progress,
-    ) -> Result<Converged> {
-        let rows = transport.rows();
-        let row_sums = rows.map(|rows| row_sums(rows, self.len()));
-        rows.map_or(Ok(()), |rows| self.check_loops(rows))?;
-        progress.begin(Stage::Solve, None);
-        progress.advance(sweeps.residuals.len() as u64);
-        let newest = match (method, rows) {
-            (MatrixMethod::Jacobi, _) => None,
-            (MatrixMethod::GaussSeidel, Some(rows)) => Some(rows),
-            (MatrixMethod::GaussSeidel, None) => {
-                return Err(Error::new(
-                    "Gauss–Seidel goes row by row, and this transport has no rows",
-                )
-                .remedy("use Jacobi's method"));
-            }
-        };
-        let sweep = |sweeps: &mut Sweeps, irradiance: &mut Vec<Rgb64>| {
-            match newest {
-                Some(rows) => gauss_seidel::sweep(self, rows, &mut sweeps.radiosity),
-                None => jacobi::sweep(self, irradiance, &mut sweeps.radiosity),
-            }
-            *irradiance = transport.gather(&sweeps.radiosity);
-            sweeps.residuals.push(self.residual(&sweeps.radiosity, irradiance));
-            progress.advance(1);
-        };
-        let mut irradiance = transport.gather(&sweeps.radiosity);
-        while !sweeps.are_enough(stop)? {
-            if sweeps.are_slow(stop) {
-                let before = sweeps.clone();
-                let mut iterates = vec![self.iterate(&sweeps.radiosity, &irradiance)];
-                while iterates.len() <= SWEEPS && !progress.is_stopped() {
-                    sweep(sweeps, &mut irradiance);
-                    iterates.push(self.iterate(&sweeps.radiosity, &irradiance));
-                }
-                if iterates.len() > SWEEPS {
-                    irradiance = self.extrapolate(transport, sweeps, iterates, irradiance);
-                } else {
-                    // They are done again when the run is gone on with.
-                    *sweeps = before;
-                }
-            } else {
-                sweep(sweeps, &mut irradiance);
-            }
-            let is_stopped = progress.is_stopped();
-            keep(sweeps)?;
-            if is_stopped {
-                progress.end();
-                return Err(Error::stopped());
-            }
-        }
-        progress.end();
-        let patches = (0..self.len() as u32).map(PatchId);
-        Ok(Converged {
-            irradiance,
-            radiosity: sweeps.radiosity.clone(),
-            iterations: sweeps.residuals.len(),
-            residuals: sweeps.residuals.clone(),
-            row_sums: match row_sums {
-                Some(sums) => sums.into_iter().map(Some).collect(),
-                None => vec![None; self.len()],
-            },
-            on_backs: patches.map(|i| rows.and_then(|rows| rows.on_backs(i))).collect(),
-            reception_sums: None,
-            slow_rate: sweeps.extrapolation.map(|last| last.rate),
-        })
-    }
-
-    /// Replaces the last of some iterates by what they lead to, if its residual is less. Returns the irradiance.
-    fn extrapolate(
-        &self,
-        transport: &dyn Transport,
-        sweeps: &mut Sweeps,
-        iterates: Vec<Iterate>,
-        irradiance: Vec<Rgb64>,
-    ) -> Vec<Rgb64> {
-        let radiosity = extrapolation::extrapolated(iterates, &self.areas);
-        let further = transport.gather(&radiosity);
-        let residual = self.residual(&radiosity, &further);
-        let mut rate = sweeps.extrapolation.map_or(SLOW, |last| last.rate);
-        let last = sweeps.residuals.last_mut().expect("a sweep was done");
-        let is_better = residual < *last;
-        if is_better {
-            *last = residual;
-            // A residual of what was missing; what is missing still may need as much light for its residual.
-            let added = |i: usize| radiosity[i] - sweeps.radiosity[i];
-            let settled = |i: usize| added(i) - self.reflectance[i] * (further[i] - irradiance[i]);
-            let added = self.power((0..self.len()).map(added));
-            let settled = self.power((0..self.len()).map(settled));
-            let rates = Rgb64::ONE - settled / added;
-            rate = (0..3).filter(|&c| added[c] > 0.0).map(|c| rates[c]).fold(rate, f64::max);
-        }
-        sweeps.extrapolation = Some(Extrapolation { after: sweeps.residuals.len(), rate });
-        if is_better {
-            sweeps.radiosity = radiosity;
-            return further;
-        }
-        irradiance
-    }
-
-    fn iterate(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> Iterate {
-        let residual = (0..self.len()).map(|i| self.missing(i, radiosity, irradiance)).collect();
-        Iterate { radiosity: radiosity.to_vec(), residual }
-    }
-
-    /// S + ρH − B of a patch.
-    fn missing(&self, i: usize, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> Rgb64 {
-        self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]
     }
 
     /// Solves by shooting, with rows on demand.
@@ -351,6 +172,11 @@ impl Problem {
     fn residual(&self, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> f64 {
         let left = (0..self.len()).map(|i| self.missing(i, radiosity, irradiance));
         relative(self.power(left), self.source_power())
+    }
+
+    /// S + ρH − B of a patch.
+    fn missing(&self, i: usize, radiosity: &[Rgb64], irradiance: &[Rgb64]) -> Rgb64 {
+        self.source[i] + self.reflectance[i] * irradiance[i] - radiosity[i]
     }
 
     /// Refuses light that provably grows or stays: ρ ≥ 1 on patches that send each other all they have.

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::bvh::Bvh;
-use crate::form_factor::{Estimator, OnDemand, Row};
+use crate::form_factor::{Estimator, OnDemand, Row, row_sums};
 use crate::geometry::Triangle;
 use crate::patches::{PatchId, Subdivision};
 use crate::sampling::{PointSet, Purpose, Stream};
@@ -668,19 +668,17 @@ fn random_cavities(seed: u64) -> (Problem, Dense) {
     for cavity in 0..cavities {
         let patches = 8 * cavity..8 * cavity + 8;
         let kept = 1.0 - 0.3 * 10f64.powf(-3.0 * next());
-        let mut exchange = vec![vec![0.0; 8]; 8];
-        for i in 0..8 {
-            for j in 0..=i {
-                let seen = 0.2 + next();
-                (exchange[i][j], exchange[j][i]) = (seen, seen);
-            }
+        let mut exchange = [[0.0f64; 8]; 8];
+        for (i, j) in (0..8).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            exchange[i][j] = 0.2 + next();
+            exchange[j][i] = exchange[i][j];
         }
         // All rows pass on about as much, and none more than the cavity keeps.
         for _ in 0..50 {
             let sum = |i: usize| exchange[i].iter().sum::<f64>() / areas[8 * cavity + i];
-            let sums: Vec<f64> = (0..8).map(sum).collect();
-            for i in 0..8 {
-                (0..8).for_each(|j| exchange[i][j] /= (sums[i] * sums[j]).sqrt());
+            let sums: [f64; 8] = std::array::from_fn(sum);
+            for (row, own) in exchange.iter_mut().zip(sums) {
+                row.iter_mut().zip(sums).for_each(|(x, other)| *x /= (own * other).sqrt());
             }
         }
         let sums = patches.clone().map(|i| exchange[i % 8].iter().sum::<f64>() / areas[i]);
