@@ -35,7 +35,7 @@ impl Partial {
     /// # Errors
     /// With the remedy.
     pub(super) fn check_absent(&self) -> Result<()> {
-        if self.path.exists() || self.path.is_symlink() {
+        if self.path.exists() {
             return Err(Error::new("this file is where the run would keep what is done")
                 .in_file(&self.path)
                 .remedy("go on with it by --resume if a run that was cut off left it, else move or delete it"));
@@ -48,7 +48,7 @@ impl Partial {
     /// # Errors
     /// A link: where it leads may lie what somebody wants to keep, and in the end this file is removed.
     pub(super) fn is_begun(&self) -> Result<bool> {
-        if self.path.is_symlink() {
+        if self.path.exists() && self.path.is_symlink() {
             return Err(Error::new(
                 "this is a link, and a run deletes the file that it went on from",
             )
