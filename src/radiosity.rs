@@ -147,7 +147,8 @@ pub struct Radiosity {
     pub row_sum_defect: f64,
     /// Σ A |Σ_j F_ij − 1| / Σ A over the rows that were needed.
     pub mean_row_sum_defect: f64,
-    /// See [`Transport::reciprocity_defect`]; `None` where no matrix was stored.
+    /// See [`Transport::reciprocity_defect`](crate::form_factor::Transport::reciprocity_defect); `None` where no matrix
+    /// was stored.
     pub reciprocity_defect: Option<f64>,
     pub energy: Energy,
     /// How far the power may fail to balance.
