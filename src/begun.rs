@@ -1,4 +1,4 @@
-//! What is done of a solution whose patches are solved together, and the file that keeps it.
+//! A solve of all patches together that is not finished: its steps so far, and the file that keeps them.
 
 use crate::direct::DirectLight;
 use crate::error::{Error, Result};
@@ -17,14 +17,14 @@ const SEAL: Seal = Seal {
     command: "isolux solve SCENE -o ROOM.light",
 };
 
-/// What to do about a file that nothing can be gone on with from.
+/// The remedy for a FILE.partial that a run cannot use.
 pub(crate) const ANEW: &str =
     "repeat the flags with which it was begun; or delete it, and leave out --resume, to begin anew";
 
 /// More than any run traces.
 const MOST_RAYS: u64 = 1 << 60;
 
-/// What is done of a solution: each step needs those before it.
+/// The steps of a solve that are done. Each needs those before it.
 #[derive(Default, Deserialize)]
 pub struct Begun {
     pub(crate) direct: Option<DirectLight>,
@@ -38,7 +38,8 @@ pub struct Begun {
     file: PathBuf,
 }
 
-/// What is done of a solution, lent to be kept: field by field what a [`Begun`] is read from.
+/// The steps of a solve that are done, borrowed to be written. The fields are those of [`Begun`], in the same order, so
+/// that the one is read from the bytes of the other.
 #[derive(Clone, Copy, Default, Serialize)]
 pub struct Unfinished<'a> {
     pub(crate) direct: Option<&'a DirectLight>,
@@ -48,7 +49,7 @@ pub struct Unfinished<'a> {
     pub(crate) shots: Option<&'a Shots>,
 }
 
-/// Stores what is done of a solution, or lets it be.
+/// Called with the steps that are done, which it may store.
 pub type Keep<'k> = dyn FnMut(Unfinished) -> Result<()> + 'k;
 
 impl Unfinished<'_> {
@@ -79,7 +80,7 @@ impl Begun {
     /// Reads a file of what [`Unfinished::to_bytes`] made for the same `run`.
     ///
     /// # Errors
-    /// What was kept of another run, or something else, or damaged; or a file that cannot be read.
+    /// A file of another run, of another kind or damaged, or one that cannot be read.
     pub fn load(path: impl AsRef<Path>, run: u32) -> Result<Begun> {
         let path = path.as_ref();
         let opened = SEAL.open(&SEAL.read(path)?);
@@ -90,10 +91,10 @@ impl Begun {
         Err(Error::new("this was begun with another scene or other flags").in_file(path))
     }
 
-    /// A checksum finds damage, not a forger.
+    /// Checks what a forged file with a right checksum could hold.
     ///
     /// # Errors
-    /// What no run can have kept.
+    /// Numbers or lists that no run writes.
     pub(crate) fn check(&self, of: &Estimator, method: Method) -> Result<()> {
         let patches = of.mesh.len();
         let is_possible = self.rays <= MOST_RAYS
@@ -104,7 +105,7 @@ impl Begun {
         if is_possible { Ok(()) } else { Err(self.contradiction()) }
     }
 
-    /// What was kept leads to nothing.
+    /// The error for a file whose numbers no run writes.
     pub(crate) fn contradiction(&self) -> Error {
         SEAL.contradiction().in_file(&self.file).remedy(ANEW)
     }
