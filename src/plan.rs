@@ -5,7 +5,7 @@ use crate::color::rounded;
 use crate::coverage;
 use crate::error::{Error, Result};
 use crate::export::sealed::fingerprint;
-use crate::geometry::RayCaster;
+use crate::geometry::{KernelKind, RayCaster};
 use crate::lit_sides::lit_sides;
 use crate::patches::{PatchMesh, Split, Subdivision};
 use crate::progress::Progress;
@@ -24,6 +24,7 @@ pub struct Plan<'d> {
     scene: Scene,
     split: Split,
     choices: Choices,
+    kernel: KernelKind,
 }
 
 /// The rays and the time that a solution took.
@@ -74,7 +75,14 @@ impl<'d> Plan<'d> {
             // A pair of clusters has no solid angle.
             split.cube = None;
         }
-        Ok(Plan { document, scene: scene.clone(), split, choices })
+        let kernel = KernelKind::default();
+        Ok(Plan { document, scene: scene.clone(), split, choices, kernel })
+    }
+
+    /// The same, to be solved by casters with another kernel than the usual one. They are not built here: what is kept
+    /// of a solve says so, and is not gone on with by another kernel or joined with its parts.
+    pub fn with_kernel(self, kernel: KernelKind) -> Plan<'d> {
+        Plan { kernel, ..self }
     }
 
     /// Rays that the light takes, about: how thoroughly a hierarchy should be built.
@@ -92,9 +100,10 @@ impl<'d> Plan<'d> {
             .map_err(|error| error.in_file_if_none(&self.document.file))
     }
 
-    /// A number to tell plans apart, of all that the light's bits depend on beside the caster.
+    /// A number to tell plans apart, of all that the light's bits depend on.
     pub fn fingerprint(&self) -> u32 {
-        fingerprint(&(env!("CARGO_PKG_VERSION"), &self.scene, &self.split, &self.choices))
+        let version = env!("CARGO_PKG_VERSION");
+        fingerprint(&(version, &self.scene, &self.split, &self.choices, self.kernel))
     }
 
     /// Whether the light is solved in two levels, and so can be solved in parts.
@@ -205,7 +214,7 @@ impl<'d> Plan<'d> {
         // That of the elements: the patches are sampled as well.
         figures.misfit.samples = None;
         let unlit = Solution::unlit(self.document, &mesh, &self.choices, figures, camera);
-        let mut part = Part::new(share, mesh.len(), unlit);
+        let mut part = Part::new(share, mesh.len(), unlit, self.kernel);
         begun.map_or(Ok(()), |begun| part.take_up(begun))?;
         part.check_memory()?;
         let pass = LocalPass::new(caster, &mesh, &elements, &self.choices);

@@ -10,8 +10,6 @@ use crate::begun::{Begun, Unfinished};
 use crate::bvh::{Effort, Tracer};
 use crate::error::{Error, ErrorKind, Result, Warning};
 use crate::export::file::{Inputs, Output, check_writable, write_all};
-use crate::export::sealed::fingerprint;
-use crate::geometry::KernelKind;
 use crate::plan::{Plan, Spent};
 use crate::scene::Document;
 use crate::solution::Solution;
@@ -78,7 +76,7 @@ fn run_in_pool(arguments: &Arguments) -> Result<ExitCode> {
     let load = start.elapsed();
 
     let settings = arguments.light.settings(arguments.run.seed);
-    let plan = Plan::new(&document, &scene, &settings)?;
+    let plan = Plan::new(&document, &scene, &settings)?.with_kernel(arguments.run.kernel);
     let effort = Effort::for_rays(scene.triangles.len(), plan.rays());
     let tracer = Tracer::build_with(&scene, effort, arguments.run.kernel);
     let build = start.elapsed() - load;
@@ -123,10 +121,7 @@ impl Run<'_> {
     /// See [`Plan::solve_together`].
     fn together(&self, partial: &mut Partial) -> Result<Option<(Solution, Spent)>> {
         let known_fingerprint = OnceCell::new();
-        let run = || {
-            let plane = self.arguments.run.kernel == KernelKind::Plane;
-            *known_fingerprint.get_or_init(|| fingerprint(&(self.plan.fingerprint(), plane)))
-        };
+        let run = || *known_fingerprint.get_or_init(|| self.plan.fingerprint());
         let load = |path: &Path| Begun::load(path, run());
         let begun = if self.arguments.resume { partial.load(load)? } else { None };
         let bars = Bars::new().on_signal(OnSignal::Stop);

@@ -11,7 +11,7 @@ pub trait Kernel: Copy + Default + Send + Sync + 'static {
 }
 
 /// The kernels by name, for a choice at run time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, serde::Serialize)]
 pub enum KernelKind {
     /// The triangle's plane first
     Plane,

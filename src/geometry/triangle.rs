@@ -59,6 +59,12 @@ impl Triangle {
         0.5 * self.double_area_normal().length()
     }
 
+    /// Whether the area is more than zero, to the last bit.
+    #[inline]
+    pub fn has_area(&self) -> bool {
+        self.double_area_normal().length_squared() > 0.0
+    }
+
     /// The front's unit normal. Zero for a triangle without area.
     #[inline]
     pub fn normal(&self) -> Vec3 {

@@ -1,6 +1,7 @@
 //! A sky for scenes whose own light is not there to light them.
 
 use super::material::{Material, MaterialId};
+use super::sums::sum;
 use super::{Document, Scene, text};
 use crate::color::{Rgb, luminance};
 use crate::error::Warning;
@@ -46,13 +47,15 @@ impl Scene {
 
     /// Whether most of the area is of one dark grey.
     fn is_like_a_tenth(&self) -> bool {
-        let is_like = |triangle: &TriangleId| {
-            let (material, middle) = (self.material(*triangle), 1.0 / 3.0);
-            let reflectance = material.reflectance * self.mesh.color_at(*triangle, middle, middle);
+        let is_like = |triangle: TriangleId| {
+            let (material, middle) = (self.material(triangle), 1.0 / 3.0);
+            let reflectance = material.reflectance * self.mesh.color_at(triangle, middle, middle);
             material.reflectance_map.is_none() && LIKE_A_TENTH.contains(&luminance(reflectance))
         };
-        let alike = (0..self.triangles.len() as u32).map(TriangleId).filter(is_like);
-        let area: f64 = alike.map(|triangle| self.triangles[triangle.index()].area()).sum();
+        let area = sum(self.triangles.len(), |number| {
+            let is_like = is_like(TriangleId(number as u32));
+            if is_like { self.triangles[number].area() } else { 0.0 }
+        });
         area > 0.5 * self.area()
     }
 
@@ -68,9 +71,10 @@ impl Scene {
         let of = |material: MaterialId| emissions[material.0 as usize];
         let emitted = |number: usize| {
             let back = self.own_back(TriangleId(number as u32)).map_or(0.0, of);
-            of(self.material_of[number]).max(back) * self.triangles[number].area()
+            let emission = of(self.material_of[number]).max(back);
+            if emission > 0.0 { emission * self.triangles[number].area() } else { 0.0 }
         };
-        (0..self.triangles.len()).map(emitted).sum::<f64>() / self.area()
+        sum(self.triangles.len(), emitted) / self.area()
     }
 
     fn emission(&self, material: &Material) -> f64 {

@@ -4,9 +4,12 @@
 //! with n as well would take n². So the light of such a scene is solved with fewer of them.
 
 use super::Scene;
+use super::material::Material;
+use super::sums::sum;
 use crate::error::Warning;
+use crate::geometry::TriangleId;
 use crate::geometry::bounds::Bounds;
-use crate::geometry::{Triangle, TriangleId};
+use crate::known::known;
 
 /// Boxes along a line up to which a scene is an ordinary one: dense scans have a few dozen, a tree
 /// with leaves of cut-out textures some hundreds.
@@ -22,23 +25,24 @@ impl Scene {
     /// Boxes of triangles that a random line through the box around them all meets, in the mean: the share of lines that
     /// meet a convex body is that of its surface (Crofton). See-through ones count more.
     pub(crate) fn crowding(&self) -> f64 {
-        *self.known_crowding.get_or_init(|| {
+        *known(&self.known_crowding, || {
             let surface = |bounds: &Bounds| {
                 let d = bounds.diagonal().as_dvec3();
                 d.x * d.y + d.y * d.z + d.z * d.x
             };
+            let see_through: Vec<bool> =
+                self.materials.iter().map(Material::is_see_through).collect();
             let weight = |number: usize| {
-                let triangle = TriangleId(number as u32);
-                let see_through = [false, true].iter().any(|is_back| {
-                    self.materials[self.material_on(triangle, *is_back).0 as usize].is_see_through()
+                let is_see_through = [false, true].iter().any(|is_back| {
+                    see_through[self.material_on(TriangleId(number as u32), *is_back).0 as usize]
                 });
-                if see_through { SEE_THROUGH } else { 1.0 }
+                if is_see_through { SEE_THROUGH } else { 1.0 }
             };
-            let boxes = || self.triangles.iter().map(Triangle::bounds);
-            let whole = boxes().fold(Bounds::EMPTY, |whole, one| whole.with(&one));
-            let sum: f64 = boxes().enumerate().map(|(k, one)| surface(&one) * weight(k)).sum();
+            let surfaces = sum(self.triangles.len(), |number| {
+                surface(&self.triangles[number].bounds()) * weight(number)
+            });
             // Without a surface there is nothing to meet.
-            if sum > 0.0 { sum / surface(&whole) } else { 0.0 }
+            if surfaces > 0.0 { surfaces / surface(&self.bounds()) } else { 0.0 }
         })
     }
 

@@ -144,9 +144,19 @@ impl Mesh {
 }
 
 /// Leaves out the items that are not `kept`.
-pub(super) fn retain<T>(list: &mut Vec<T>, kept: &[bool]) {
-    let mut kept = kept.iter();
-    list.retain(|_| *kept.next().expect("one answer per triangle"));
+pub(super) fn retain<T: Copy>(list: &mut Vec<T>, kept: &[bool]) {
+    assert_eq!(list.len(), kept.len(), "one answer per triangle");
+    let (mut start, mut filled) = (0, 0);
+    // Few are left out, so that the others move in long runs.
+    for run in kept.chunk_by(|a, b| a == b) {
+        let end = start + run.len();
+        if run[0] {
+            list.copy_within(start..end, filled);
+            filled += run.len();
+        }
+        start = end;
+    }
+    list.truncate(filled);
 }
 
 #[cfg(test)]

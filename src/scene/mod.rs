@@ -29,6 +29,7 @@ mod read;
 mod shown;
 mod sniff;
 mod stl;
+mod sums;
 pub(crate) mod text;
 pub mod texture;
 pub mod topology;
@@ -51,6 +52,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+use sums::sum;
 pub use texture::{Map, Texture, TextureId};
 use topology::Topology;
 
@@ -114,7 +116,7 @@ impl Scene {
         assert_eq!(triangles.len(), material_of.len(), "one material per triangle");
         let before = triangles.len();
         let (triangles, material_of): (Vec<_>, Vec<_>) =
-            triangles.into_iter().zip(material_of).filter(|(t, _)| t.area() > 0.0).unzip();
+            triangles.into_iter().zip(material_of).filter(|(t, _)| t.has_area()).unzip();
         let degenerate = before - triangles.len();
         Scene { degenerate, ..Scene::plain(triangles.into(), material_of.into(), materials) }
     }
@@ -156,7 +158,7 @@ impl Scene {
         model.positions = Vec::new();
         let triangle = |t: &[u32; 3]| Triangle { p: t.map(|corner| positions[corner as usize]) };
         let has_area: Vec<bool> =
-            model.triangles.par_iter().map(|t| triangle(t).area() > 0.0).collect();
+            model.triangles.par_iter().map(|t| triangle(t).has_area()).collect();
         let degenerate = has_area.iter().filter(|has_area| !**has_area).count();
         if degenerate > 0 {
             let before = has_area.len();
@@ -263,12 +265,16 @@ impl Scene {
     }
 
     pub fn bounds(&self) -> Bounds {
-        self.triangles.iter().flat_map(|t| t.p).collect()
+        let blocks = self.triangles.par_chunks(sums::BLOCK);
+        let around =
+            |block: &[Triangle]| block.iter().fold(Bounds::EMPTY, |all, t| all.with(&t.bounds()));
+        let bounds: Vec<Bounds> = blocks.map(around).collect();
+        bounds.iter().fold(Bounds::EMPTY, Bounds::with)
     }
 
     /// Sum of the triangles' areas, in square units.
     pub fn area(&self) -> f64 {
-        self.triangles.iter().map(Triangle::area).sum()
+        sum(self.triangles.len(), |number| self.triangles[number].area())
     }
 
     /// Whether any triangle emits light.
@@ -276,10 +282,12 @@ impl Scene {
         self.used_materials().any(Material::emits)
     }
 
-    /// The materials of fronts and backs, triangle by triangle.
+    /// The materials of fronts and backs.
     fn used_materials(&self) -> impl Iterator<Item = &Material> {
-        let used = self.material_of.iter().chain(self.back_of.iter().flatten());
-        used.map(|material| &self.materials[material.0 as usize])
+        let mut is_used = vec![false; self.materials.len()];
+        let sides = self.material_of.iter().chain(self.back_of.iter().flatten());
+        sides.for_each(|material| is_used[material.0 as usize] = true);
+        self.materials.iter().zip(is_used).filter(|(_, is_used)| *is_used).map(|(m, _)| m)
     }
 
     /// A kernel multiplies three lengths, so their cubes must be normal f32 numbers.

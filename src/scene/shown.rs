@@ -27,7 +27,7 @@ impl Scene {
         if covers.is_empty() {
             return 1.0;
         }
-        let axis = flat::axis_of(self.normal_of(of));
+        let axis = flat::axis_of(self.triangles[of.index()].double_area_normal());
         let (open, opaque): (Vec<_>, Vec<_>) = covers.into_iter().partition(|c| self.opens(c));
         self.share_beside(axis, &opaque, piece) * self.share_through(axis, &open, piece)
     }

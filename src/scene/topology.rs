@@ -142,6 +142,7 @@ impl Topology {
     }
 
     fn find_copies(&self) -> Vec<Vec<TriangleId>> {
+        const FEW: usize = 8;
         let sorted = |triangle: u32| {
             let [a, b, c] = self.corners[triangle as usize];
             let [low, high] = [a.min(b), a.max(b)];
@@ -150,7 +151,12 @@ impl Topology {
         let lowest = |triangle| sorted(triangle)[0].0 as usize;
         let triangles = binned(self.corners.len() as u32, self.vertex_count, lowest);
         let bins = triangles.par_chunk_by(|a, b| lowest(*a) == lowest(*b));
-        let copies = bins.filter(|bin| bin.len() > 1).flat_map_iter(|bin| {
+        let repeats = |bin: &&[u32]| {
+            let same = |a: &u32, b: &u32| sorted(*a) == sorted(*b);
+            // Most bins hold two or three triangles, and no copies: a list for each would take longer than all else.
+            bin.len() > FEW || (1..bin.len()).any(|k| bin[..k].iter().any(|t| same(t, &bin[k])))
+        };
+        let copies = bins.filter(repeats).flat_map_iter(|bin| {
             let mut keyed: Vec<_> = bin.iter().map(|t| (sorted(*t), TriangleId(*t))).collect();
             keyed.sort_unstable();
             let lists = keyed.chunk_by(|a, b| a.0 == b.0).filter(|list| list.len() > 1);

@@ -5,6 +5,7 @@ use crate::color::Rgb64;
 use crate::error::{Error, Result};
 use crate::export::file::{Inputs, Output, write_all};
 use crate::export::sealed::{Seal, fingerprint};
+use crate::geometry::KernelKind;
 use crate::memory;
 use crate::solution::{PatchLight, Solution};
 use serde::{Deserialize, Serialize};
@@ -76,7 +77,7 @@ pub(super) struct Whole {
     /// See [`Solution::fingerprints`].
     pub scene: u32,
     pub choices: u32,
-    /// Of all that the solution holds beside.
+    /// Of all that the solution holds beside, and the kernel.
     pub rest: u32,
 }
 
@@ -95,9 +96,10 @@ impl Part {
     pub(super) const BLOCK: usize = 1024;
 
     /// A part of which nothing is done. `unlit`: the solution without light.
-    pub(crate) fn new(share: Share, patches: usize, unlit: Solution) -> Part {
+    pub(crate) fn new(share: Share, patches: usize, unlit: Solution, kernel: KernelKind) -> Part {
         let [scene, choices] = unlit.fingerprints();
-        let rest = (&unlit.title, &unlit.figures, &unlit.camera, &unlit.views, &unlit.image);
+        let Solution { title, figures, camera, views, image, .. } = &unlit;
+        let rest = (title, figures, camera, views, image, kernel);
         let whole = Whole { patches: patches as u32, scene, choices, rest: fingerprint(&rest) };
         Part {
             share,

@@ -179,8 +179,10 @@ fn a_solve_that_was_cut_off_goes_on_to_the_same_bits() {
     assert!(resumed.to_bytes() == whole);
     assert!(!folder.path("a.light.partial").exists());
     fs::write(folder.path("a.light.partial"), &kept[1]).expect("a file");
-    let said = refused(folder.solve("a.light", &[&flags[..], &["--seed", "2"]].concat()));
-    assert!(said.contains("begun with another scene, other flags"), "{said}");
+    for other in [["--seed", "2"], ["--kernel", "plane"]] {
+        let said = refused(folder.solve("a.light", &[&flags[..], &other].concat()));
+        assert!(said.contains("begun with another scene, other flags"), "{said}");
+    }
     assert!(folder.path("a.light.partial").exists());
 }
 

@@ -133,6 +133,22 @@ impl<'a> Data<'a> {
         Ok(self.read::<u32, 1>(accessor)?.into_flattened())
     }
 
+    /// The items of an accessor of indices, three in a row.
+    pub(super) fn triples(&self, accessor: usize) -> Result<Vec<[u32; 3]>> {
+        let json = self.accessor(accessor)?;
+        let component = component_of_index(json.component_type, accessor)?;
+        if let (Some(view), "SCALAR", None) = (json.buffer_view, &*json.shape, &json.sparse) {
+            let place = (view, json.byte_offset);
+            let layout = self.layout(accessor, place, 1, component, json.count)?;
+            if layout.stride == component.size() {
+                // As they lie: a list of single numbers would be as long as that of the triangles.
+                let stride = 3 * layout.stride;
+                return Ok(Layout { stride, ..layout }.items(json.count / 3, json.normalized));
+            }
+        }
+        Ok(self.indices(accessor)?.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect())
+    }
+
     /// How many items an accessor has, for those who check before they read.
     pub(super) fn shape(&self, accessor: usize) -> Result<usize> {
         Ok(components(&self.accessor(accessor)?.shape))

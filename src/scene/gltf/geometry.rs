@@ -219,25 +219,31 @@ fn triangles(
     vertices: usize,
     mesh: &str,
 ) -> Result<Vec<[u32; 3]>> {
-    let corners = match primitive.indices {
-        Some(accessor) => data.indices(accessor)?,
-        None => (0..vertices as u32).collect(),
+    let corners = || match primitive.indices {
+        Some(accessor) => data.indices(accessor),
+        None => Ok((0..vertices as u32).collect()),
     };
-    if let Some(corner) = corners.iter().find(|corner| **corner as usize >= vertices) {
-        let cause = format!("mesh {mesh} names vertex {corner}, but it has {vertices} vertices");
-        return Err(Error::new(cause).remedy(AGAIN));
-    }
-    Ok(match primitive.mode {
-        Some(5) => {
+    let triangles: Vec<[u32; 3]> = match (primitive.mode, primitive.indices) {
+        (Some(5), _) => {
             let turned = |(k, w): (usize, &[u32])| [w[0], w[1 + k % 2], w[2 - k % 2]];
-            corners.windows(3).enumerate().map(turned).collect()
+            corners()?.windows(3).enumerate().map(turned).collect()
         }
-        Some(6) => {
+        (Some(6), _) => {
+            let corners = corners()?;
             let rim = corners.get(1..).unwrap_or_default();
             rim.windows(2).map(|w| [corners[0], w[0], w[1]]).collect()
         }
-        _ => corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
-    })
+        (_, Some(accessor)) => data.triples(accessor)?,
+        (_, None) => (0..vertices as u32 / 3).map(|k| [0, 1, 2].map(|c| 3 * k + c)).collect(),
+    };
+    match triangles.as_flattened().iter().find(|corner| **corner as usize >= vertices) {
+        None => Ok(triangles),
+        Some(corner) => {
+            let cause =
+                format!("mesh {mesh} names vertex {corner}, but it has {vertices} vertices");
+            Err(Error::new(cause).remedy(AGAIN))
+        }
+    }
 }
 
 /// Linear colours; their opacity is left aside.

@@ -46,8 +46,7 @@ impl View<'_> {
 
     /// Whether it is along this axis that others are compared with a triangle.
     pub(super) fn is_axis_of(&self, number: u32) -> bool {
-        let normal = self.triangles[number as usize].double_area_normal().normalize();
-        axis_of(normal.as_vec3()) == self.axis
+        axis_of(self.triangles[number as usize].double_area_normal()) == self.axis
     }
 
     /// On which sides a piece lies: on one at least. What lies on different sides of a cut does not overlap.

@@ -6,8 +6,8 @@ use glam::{DVec2, DVec3, Vec3};
 /// Corners in counter-clockwise order.
 pub(in crate::scene) type Polygon = Vec<DVec2>;
 
-/// The axis of a normal's largest component.
-pub(in crate::scene) fn axis_of(normal: Vec3) -> usize {
+/// The axis of the largest component of a normal, of any length.
+pub(in crate::scene) fn axis_of(normal: DVec3) -> usize {
     let n = normal.abs();
     if n.x >= n.y && n.x >= n.z {
         0
@@ -161,7 +161,7 @@ mod tests {
     fn a_plane_has_its_height() {
         let triangle =
             Triangle::new(Vec3::ZERO, Vec3::new(1.0, 0.0, 2.0), Vec3::new(0.0, 1.0, 4.0));
-        assert_eq!(axis_of(triangle.normal()), 1);
+        assert_eq!(axis_of(triangle.double_area_normal()), 1);
         for axis in [0, 1, 2] {
             let p = triangle.at(0.25, 0.5).as_dvec3();
             assert!((height_at(axis, &triangle, flatten(axis, p)) - p[axis]).abs() < 1e-12);

@@ -69,13 +69,15 @@ impl Overlaps {
 
     /// `material_of` has one entry per triangle.
     pub(super) fn find(triangles: &[Triangle], material_of: &[MaterialId]) -> Overlaps {
+        let bounds = |number: u32| padded(&triangles[number as usize]);
         let flat = |number: u32| flat_of(&triangles[number as usize]);
         let overlap = |a: u32, b: u32| overlap(&triangles[a as usize], &triangles[b as usize]);
         let limit = |most: (u64, u64)| most.0 * triangles.len() as u64 + most.1;
-        let [boxes, compared] = [MOST_BOXES, MOST_COMPARED].map(limit);
+        let few = [MOST_BOXES, MOST_COMPARED].map(limit);
         let divided =
             || divided::pairs(triangles, flat, overlap, [MOST_LOOKED_AT, MOST_FOUND].map(limit));
-        let pairs = near::pairs(triangles.len(), flat, overlap, [boxes, compared]).or_else(divided);
+        let near = near::pairs(triangles.len(), bounds, flat, overlap, few);
+        let pairs = near.or_else(divided);
         match pairs {
             None => Overlaps { is_given_up: true, ..Overlaps::default() },
             Some(pairs) if pairs.is_empty() => Overlaps::default(),
@@ -115,8 +117,6 @@ struct Surfaces {
     material_of: Vec<MaterialId>,
 }
 
-// Inlined, so that no normal is computed where the bounds alone are asked for.
-#[inline]
 fn flat_of(triangle: &Triangle) -> Flat {
     Flat { bounds: padded(triangle), normal: triangle.normal() }
 }
@@ -132,14 +132,16 @@ fn padded(triangle: &Triangle) -> Bounds {
 /// beyond the other. A common rim, no wider than that, does not count.
 fn overlap(a: &Triangle, b: &Triangle) -> bool {
     let tolerance = a.ray_offset().max(b.ray_offset()) as f64;
-    let n = a.double_area_normal().normalize();
-    let away = b.p.map(|p| n.dot((p - a.p[0]).as_dvec3()));
-    if away.iter().all(|&d| d > tolerance) || away.iter().all(|&d| d < -tolerance) {
+    let n = a.double_area_normal();
+    let axis = flat::axis_of(n);
+    let flat = [a, b].map(|triangle| flat::seen_along(axis, triangle));
+    // First, as it needs no root for neighbours, which most pairs are.
+    if flat::are_apart(&flat[0], &flat[1], tolerance) {
         return false;
     }
-    let axis = flat::axis_of(n.as_vec3());
-    let flat = [a, b].map(|triangle| flat::seen_along(axis, triangle));
-    if flat::are_apart(&flat[0], &flat[1], tolerance) {
+    let n = n.normalize();
+    let away = b.p.map(|p| n.dot((p - a.p[0]).as_dvec3()));
+    if away.iter().all(|&d| d > tolerance) || away.iter().all(|&d| d < -tolerance) {
         return false;
     }
     let common: Polygon = flat::common(&flat[0], &flat[1]);

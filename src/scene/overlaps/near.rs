@@ -13,14 +13,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Of `count` things, numbered from 0, the pairs that touch, are parallel and are `wanted`, the lower number first,
 /// in order. `None` if the boxes of more than `most[0]` pairs would have to be looked at, or `wanted` would be asked
-/// more than `most[1]` times.
+/// more than `most[1]` times. `bounds`: those of `thing` alone, which are asked for more often.
 pub(super) fn pairs(
     count: usize,
+    bounds: impl Fn(u32) -> Bounds + Sync,
     thing: impl Fn(u32) -> Flat + Sync,
     wanted: impl Fn(u32, u32) -> bool + Sync,
     most: [u64; 2],
 ) -> Option<Vec<(u32, u32)>> {
-    let tree = Tree::new(count, thing);
+    let tree = Tree::new(count, bounds, thing);
     let groups = 0..tree.levels[0].len();
     // Some of the groups tell at little cost that boxes are of no use.
     let some = groups.clone().into_par_iter().skip(SAMPLE / 2).step_by(SAMPLE);
@@ -66,11 +67,15 @@ struct Tree {
 }
 
 impl Tree {
-    fn new(count: usize, thing: impl Fn(u32) -> Flat + Sync) -> Tree {
+    fn new(
+        count: usize,
+        bounds: impl Fn(u32) -> Bounds + Sync,
+        thing: impl Fn(u32) -> Flat + Sync,
+    ) -> Tree {
         let numbers = 0..count as u32;
-        let boxes = numbers.clone().into_par_iter().map(|number| thing(number).bounds);
+        let boxes = numbers.clone().into_par_iter().map(&bounds);
         let all = boxes.reduce(|| Bounds::EMPTY, |a, b| a.with(&b));
-        let placed = |number| (place(&thing(number).bounds, &all), number);
+        let placed = |number| (place(&bounds(number), &all), number);
         let mut placed: Vec<(u64, u32)> = numbers.into_par_iter().map(placed).collect();
         placed.par_sort_unstable();
         let order: Vec<u32> = placed.into_iter().map(|(_, number)| number).collect();
@@ -219,9 +224,10 @@ mod tests {
             let bounds = Bounds { min: at, max: at + (size * size * 4.0).floor() };
             Flat { bounds, normal: if i.is_multiple_of(4) { Vec3::X } else { Vec3::NEG_Y } }
         };
+        let bounds = |i: u32| thing(i).bounds;
         let odd = |a: u32, b: u32| !(a + b).is_multiple_of(3);
         for count in [0, 1, 9, 70, 700] {
-            let found = pairs(count as usize, thing, odd, [u64::MAX; 2]).unwrap();
+            let found = pairs(count as usize, bounds, thing, odd, [u64::MAX; 2]).unwrap();
             let all = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
             let fits = |&(a, b): &(u32, u32)| {
                 let is_parallel = a.is_multiple_of(4) == b.is_multiple_of(4);
@@ -231,7 +237,7 @@ mod tests {
             assert!(count < 700 || found.len() > 1000);
         }
         for most in [[1000, u64::MAX], [u64::MAX, 1000]] {
-            assert!(pairs(700, thing, odd, most).is_none(), "the limits hold");
+            assert!(pairs(700, bounds, thing, odd, most).is_none(), "the limits hold");
         }
     }
 }

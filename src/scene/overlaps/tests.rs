@@ -138,7 +138,7 @@ fn overlap_by_the_rule(a: &Triangle, b: &Triangle) -> bool {
     }
     let tolerance = a.ray_offset().max(b.ray_offset()) as f64;
     let n = a.double_area_normal().normalize();
-    let axis = flat::axis_of(n.as_vec3());
+    let axis = flat::axis_of(n);
     let [pa, pb] = [a, b].map(|triangle| flat::seen_along(axis, triangle));
     let common = flat::common(&pa, &pb);
     let apart = |p| flat::height_at(axis, a, p) - flat::height_at(axis, b, p);
@@ -243,7 +243,8 @@ fn both_searches_find_the_pairs_that_the_rule_names() {
         let flat = |number: u32| flat_of(triangle(number));
         let overlap = |a: u32, b: u32| overlap(triangle(a), triangle(b));
         let no_limit = [u64::MAX; 2];
-        let by_boxes = near::pairs(triangles.len(), flat, overlap, no_limit).unwrap();
+        let bounds = |number: u32| padded(triangle(number));
+        let by_boxes = near::pairs(triangles.len(), bounds, flat, overlap, no_limit).unwrap();
         assert!(by_boxes == expected, "mesh {mesh}: {} of {}", by_boxes.len(), expected.len());
         let divided = divided::pairs(&triangles, flat, overlap, no_limit).unwrap();
         assert!(divided == expected, "mesh {mesh}: {} of {}", divided.len(), expected.len());
