@@ -53,9 +53,11 @@ impl Gathering<'_> {
         let mut partial = Partial::of(self.output);
         let known_fingerprint = OnceCell::new();
         let fingerprint = || *known_fingerprint.get_or_init(self.fingerprint);
-        if self.resume && partial.is_begun()? {
+        let is_resumed = self.resume && partial.is_begun()?;
+        if is_resumed {
             take_up(&mut drawing, partial.path(), fingerprint())?;
         }
+        bars.begin_picture(is_resumed);
         let after = |since: Instant| self.preview.map(|every| since + every);
         let mut preview = after(Instant::now());
         let (mut was_interrupted, mut has_failed) = (false, false);

@@ -32,9 +32,39 @@ pub(super) enum OnSignal {
 
 /// What is known of a picture on its way.
 struct Estimate {
-    began: Instant,
+    /// When this run had samples with `first` as error, or none.
+    since: Instant,
+    first: Option<f32>,
+    /// Whether another run has left samples, of which nobody knows how long they took.
+    is_resumed: bool,
     error: Option<f32>,
     left: Option<Duration>,
+}
+
+impl Estimate {
+    fn new(is_resumed: bool) -> Estimate {
+        Estimate { since: Instant::now(), first: None, is_resumed, error: None, left: None }
+    }
+
+    fn update(&mut self, error: f32, goal: Option<f32>) {
+        if self.is_resumed && self.error.is_none() {
+            (self.since, self.first) = (Instant::now(), Some(error));
+        } else {
+            let elapsed = self.since.elapsed();
+            self.left = goal.and_then(|goal| time_left(self.first, error, goal, elapsed));
+        }
+        self.error = Some(error);
+    }
+}
+
+/// The time until the error is `goal`, where it has fallen to `error` in the time `elapsed`: from `first`, or from
+/// the beginning.
+fn time_left(first: Option<f32>, error: f32, goal: f32, elapsed: Duration) -> Option<Duration> {
+    // The error falls about as N^(−3/4).
+    let samples = |error: f32| f64::from(error).powf(-4.0 / 3.0);
+    let done = samples(error) - first.map_or(0.0, samples);
+    let more = (samples(goal) - samples(error)).max(0.0);
+    (done > 0.0).then(|| elapsed.mul_f64((more / done).min(1e6)))
 }
 
 impl Bars {
@@ -57,6 +87,12 @@ impl Bars {
         self.on_signal != OnSignal::Die && signals::was_asked()
     }
 
+    /// The next picture begins. `is_resumed`: with samples of another run.
+    pub(super) fn begin_picture(&self, is_resumed: bool) {
+        *self.estimate.write().expect("no thread panics while it draws") =
+            Some(Estimate::new(is_resumed));
+    }
+
     fn bar(&self) -> Option<ProgressBar> {
         self.bar.read().expect("no thread panics while it draws").clone()
     }
@@ -72,6 +108,8 @@ impl Bars {
         words.extend(self.goal.map(|goal| format!("goal {}", per_cent(goal))));
         let until_deadline = self.deadline.map(|d| d.saturating_duration_since(Instant::now()));
         let left = until_deadline.or(estimate.as_ref().and_then(|estimate| estimate.left));
+        // Single pixels may be off where the whole is good enough.
+        let left = left.filter(|left| left.as_secs() > 0);
         words.extend(left.map(|left| format!("about {} left", HumanDuration(left))));
         words.join(", ")
     }
@@ -89,9 +127,6 @@ impl Progress for Bars {
         };
         bar.set_style(ProgressStyle::with_template(template).expect("it is well formed"));
         if is_picture {
-            let mut estimate = self.estimate.write().expect("no thread panics while it draws");
-            estimate.get_or_insert(Estimate { began: Instant::now(), error: None, left: None });
-            drop(estimate);
             bar.set_message(self.state());
         } else {
             bar.set_message(name(stage));
@@ -115,13 +150,9 @@ impl Progress for Bars {
 
     fn estimate(&self, error: f32) {
         let mut estimate = self.estimate.write().expect("no thread panics while it draws");
-        let Some(estimate) = estimate.as_mut() else { return };
-        estimate.error = Some(error);
-        estimate.left = self.goal.map(|goal| {
-            // The error falls about as N^(−3/4).
-            let more = f64::from(error / goal).max(1.0).powf(4.0 / 3.0) - 1.0;
-            estimate.began.elapsed().mul_f64(more.min(1e6))
-        });
+        if let Some(estimate) = estimate.as_mut() {
+            estimate.update(error, self.goal);
+        }
     }
 
     fn is_stopped(&self) -> bool {
@@ -145,5 +176,36 @@ fn name(stage: Stage) -> &'static str {
         Stage::Render => "render",
         Stage::Verify => "verify",
         Stage::Bench => "bench",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_is_that_of_the_samples_that_are_missing() {
+        let ten = Duration::from_secs(10);
+        // Half the error takes 2^(4/3) times the samples: 15 s more. Of these 10 s, some were spent before.
+        let left = |first, error, goal| {
+            time_left(first, error, goal, ten).map(|left| left.as_secs_f64().round())
+        };
+        assert_eq!(left(None, 0.02, 0.01), Some(15.0));
+        assert_eq!(left(Some(0.04), 0.02, 0.01), Some(25.0));
+        assert_eq!(left(None, 0.01, 0.02), Some(0.0));
+        assert_eq!(left(Some(0.02), 0.02, 0.01), None, "nothing has become better");
+        assert_eq!(left(None, 0.0, 0.01), Some(0.0));
+    }
+
+    #[test]
+    fn what_another_run_has_left_says_nothing_of_the_time() {
+        let mut estimate = Estimate::new(true);
+        estimate.update(0.02, Some(0.01));
+        assert_eq!((estimate.error, estimate.left), (Some(0.02), None));
+        estimate.update(0.019, Some(0.01));
+        assert!(estimate.left.is_some());
+        let mut anew = Estimate::new(false);
+        anew.update(0.02, Some(0.01));
+        assert!(anew.left.is_some());
     }
 }
